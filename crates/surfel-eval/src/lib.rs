@@ -1,0 +1,1 @@
+//! Scores: depth maps, normals, Chamfer distances and reports.

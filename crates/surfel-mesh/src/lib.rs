@@ -1,0 +1,1 @@
+//! TSDF fusion of depth maps, marching cubes and mesh cleaning.

@@ -1,0 +1,2 @@
+//! The `surfelsplat` command.
+fn main() {}

@@ -1,0 +1,2 @@
+//! Project checks that cargo alone does not do.
+fn main() {}
