@@ -1,1 +1,10 @@
 //! Scores: depth maps, normals, Chamfer distances and reports.
+//!
+//! Takes depth maps, points, meshes and images from whoever made them and never a pipeline. Invariant: a
+//! missing answer counts as a miss, and the rule that says so stands in the module that scores.
+
+pub mod depth_map;
+pub mod depth_metrics;
+
+pub use depth_map::DepthMap;
+pub use depth_metrics::{DepthScore, score_depth};
