@@ -1,1 +1,23 @@
-//! Depth by matching: plane sweep, semi-global aggregation, slanted refinement, left-right check.
+//! Depth by matching: what two or more posed photographs say without any training.
+//!
+//! Plane sweep over disparity-uniform candidates with photometric and learned-feature costs, semi-global
+//! aggregation, left-right check, and a slanted sub-pixel refinement that also gives normals. Needs no
+//! network at run time (features are passed in as plain slices), no files, no burn. It is `--depth matching`
+//! and the yardstick the learned network must beat.
+
+pub mod candidates;
+pub mod config;
+pub mod consistency;
+pub mod cost_volume;
+pub mod estimate;
+pub mod fill;
+pub mod plane_fit;
+pub mod semi_global;
+pub mod slanted;
+pub mod warp;
+pub mod winner;
+pub mod zncc;
+
+pub use config::MatchConfig;
+pub use cost_volume::{FeatureGrid, MatchImage};
+pub use estimate::{DepthEstimate, MatchView, estimate_depths};

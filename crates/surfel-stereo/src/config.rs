@@ -1,0 +1,89 @@
+//! Every number of the matching, in one place, in pixels or shares: none has a scene unit.
+
+/// Weights and windows of the matching cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CostWeights {
+    /// Weight of ZNCC over the small window.
+    pub small: f32,
+    /// Radius of the small window, pixels.
+    pub small_radius: usize,
+    /// Weight of ZNCC over the wide window.
+    pub wide: f32,
+    /// Radius of the wide window, pixels.
+    pub wide_radius: usize,
+    /// Weight of the feature distance, used when features are given.
+    pub features: f32,
+}
+
+impl Default for CostWeights {
+    fn default() -> Self {
+        Self { small: 1.0, small_radius: 2, wide: 0.6, wide_radius: 4, features: 0.8 }
+    }
+}
+
+/// Smoothness of the semi-global aggregation, as shares of the cost of a certain mismatch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Smoothness {
+    /// Price of a change by one candidate.
+    pub p1: f32,
+    /// Price of a jump across an edge-free pixel pair.
+    pub p2: f32,
+    /// Price of a jump across a strong image edge.
+    pub p2_edge: f32,
+    /// Luma difference at which the price has fallen halfway.
+    pub edge: f32,
+}
+
+impl Default for Smoothness {
+    fn default() -> Self {
+        Self { p1: 0.06, p2: 0.6, p2_edge: 0.2, edge: 0.06 }
+    }
+}
+
+/// The slanted refinement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refinement {
+    /// Rounds of photometric correction and plane fitting.
+    pub rounds: usize,
+    /// Radius of the photometric window, pixels.
+    pub window_radius: usize,
+    /// Luma difference at which a window pixel's weight has fallen to 1/e.
+    pub window_edge: f32,
+    /// Radius of the plane fit, pixels.
+    pub fit_radius: usize,
+    /// Luma difference at which a neighbour's weight in the plane fit has fallen to 1/e.
+    pub fit_edge: f32,
+}
+
+impl Default for Refinement {
+    fn default() -> Self {
+        Self { rounds: 3, window_radius: 4, window_edge: 0.1, fit_radius: 5, fit_edge: 0.08 }
+    }
+}
+
+/// All of the matching.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MatchConfig {
+    /// Largest step between candidates, pixels in a source view.
+    pub step_px: f64,
+    /// Matching cost.
+    pub cost: CostWeights,
+    /// Aggregation.
+    pub smoothness: Smoothness,
+    /// Refinement.
+    pub refinement: Refinement,
+    /// Left-right disagreement at which confidence has fallen to 1/e, pixels.
+    pub consistency_px: f32,
+}
+
+impl Default for MatchConfig {
+    fn default() -> Self {
+        Self {
+            step_px: 1.0,
+            cost: CostWeights::default(),
+            smoothness: Smoothness::default(),
+            refinement: Refinement::default(),
+            consistency_px: 1.0,
+        }
+    }
+}
