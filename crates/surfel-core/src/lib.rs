@@ -18,6 +18,7 @@ pub mod view;
 
 pub use camera::{Camera, Intrinsics};
 pub use grid::Grid;
+pub use lens::Lens;
 pub use mesh::TriMesh;
 pub use rigid::Rigid;
 pub use similarity::Similarity;
