@@ -1,0 +1,154 @@
+//! Sparse matches between two views: keypoints whose descriptors choose each other.
+//!
+//! Mutual nearest neighbours that also pass the ratio test (Lowe 2004, section 7.1), by brute force.
+//! Everything later in this crate rests on these matches, but no camera is used to find them, so
+//! they can testify for or against the cameras. The invariant: same pixels, same matches, same order.
+
+use crate::keypoints::{self, Keypoint};
+use crate::{descriptor, pyramid};
+use glam::DVec2;
+use rayon::prelude::*;
+use surfel_core::View;
+
+/// Most keypoints kept per view: enough for every verdict, and 1,500 x 1,500 comparisons stay cheap.
+const MAX_KEYPOINTS: usize = 1500;
+/// Nearest over second-nearest distance above which a match is a guess.
+const MAX_RATIO: f32 = 0.8;
+/// A rival nearer than this many pixels to the best is the same corner seen twice, not a rival.
+const SAME_CORNER: f64 = 3.0;
+
+/// A point of the scene seen in two views.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    /// Continuous pixel in the first view.
+    pub a: DVec2,
+    /// Continuous pixel in the second view.
+    pub b: DVec2,
+    /// Confidence in \[0, 1\]: 1 minus the ratio of nearest to second-nearest distance.
+    pub score: f64,
+}
+
+/// The described keypoints of one view.
+#[derive(Clone, Debug, Default)]
+pub struct Features {
+    keypoints: Vec<Keypoint>,
+    descriptors: Vec<f32>,
+}
+
+impl Features {
+    /// Finds and describes the corners of a view, leaving out those near an invalid pixel.
+    pub fn of(view: &View) -> Self {
+        let octaves = pyramid::octaves(&view.gray());
+        let mut found = keypoints::detect(&octaves);
+        found.retain(|keypoint| is_clear(view, keypoint));
+        let size = (view.image.width(), view.image.height());
+        let keypoints = keypoints::oriented(&keypoints::spread(found, size, MAX_KEYPOINTS), &octaves);
+        let descriptors = descriptor::describe(&keypoints, &octaves);
+        Self { keypoints, descriptors }
+    }
+
+    /// The keypoints, one per described direction.
+    pub fn keypoints(&self) -> &[Keypoint] {
+        &self.keypoints
+    }
+
+    /// Number of described keypoints.
+    pub fn len(&self) -> usize {
+        self.keypoints.len()
+    }
+
+    /// True when the view shows no corner.
+    pub fn is_empty(&self) -> bool {
+        self.keypoints.is_empty()
+    }
+
+    fn descriptor(&self, i: usize) -> &[f32] {
+        &self.descriptors[i * descriptor::LENGTH..][..descriptor::LENGTH]
+    }
+}
+
+/// Matches two views; best first.
+pub fn match_views(a: &View, b: &View) -> Vec<Match> {
+    let (features_a, features_b) = rayon::join(|| Features::of(a), || Features::of(b));
+    match_features(&features_a, &features_b)
+}
+
+/// Matches two sets of features; best first, each pair of positions once.
+pub fn match_features(a: &Features, b: &Features) -> Vec<Match> {
+    if a.is_empty() || b.is_empty() {
+        return Vec::new();
+    }
+    let similarity: Vec<Vec<f32>> = (0..a.len())
+        .into_par_iter()
+        .map(|i| (0..b.len()).map(|j| dot(a.descriptor(i), b.descriptor(j))).collect())
+        .collect();
+
+    let mut best_of_b = vec![(0usize, f32::NEG_INFINITY); b.len()];
+    for (i, row) in similarity.iter().enumerate() {
+        for (best, &value) in best_of_b.iter_mut().zip(row) {
+            if value > best.1 {
+                *best = (i, value);
+            }
+        }
+    }
+
+    let mut matches: Vec<Match> = similarity
+        .iter()
+        .enumerate()
+        .filter_map(|(i, row)| {
+            let (j, best) = argmax(row)?;
+            let position = b.keypoints[j].position;
+            let is_rival = |k: &usize| (b.keypoints[*k].position - position).length() > SAME_CORNER;
+            let rival = (0..row.len()).filter(is_rival).map(|k| row[k]).fold(-1.0, f32::max);
+            let ratio = distance(best) / distance(rival).max(f32::MIN_POSITIVE);
+            (best_of_b[j].0 == i && ratio < MAX_RATIO).then(|| Match {
+                a: a.keypoints[i].position,
+                b: position,
+                score: 1.0 - ratio as f64,
+            })
+        })
+        .collect();
+    matches.sort_by(|p, q| q.score.total_cmp(&p.score));
+    without_twins(matches)
+}
+
+/// A corner described in two directions matches twice; keeps the better of the two.
+fn without_twins(matches: Vec<Match>) -> Vec<Match> {
+    let mut seen = std::collections::HashSet::new();
+    let key = |m: &Match| [m.a.x, m.a.y].map(f64::to_bits);
+    matches.into_iter().filter(|m| seen.insert(key(m))).collect()
+}
+
+fn argmax(row: &[f32]) -> Option<(usize, f32)> {
+    row.iter().copied().enumerate().fold(None, |best, (j, value)| match best {
+        Some((_, highest)) if value <= highest => best,
+        _ => Some((j, value)),
+    })
+}
+
+/// Euclidean distance of two unit vectors with this dot product.
+fn distance(dot: f32) -> f32 {
+    (2.0 - 2.0 * dot).max(0.0).sqrt()
+}
+
+/// Eight running sums, so that the compiler may use vector registers.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0f32; 8];
+    for (a, b) in a.chunks_exact(8).zip(b.chunks_exact(8)) {
+        for lane in 0..8 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum()
+}
+
+/// True when the keypoint and a ring of 3 sigma around it lie on valid pixels: the border of a mask
+/// or of an undistorted image is no corner of the scene.
+fn is_clear(view: &View, keypoint: &Keypoint) -> bool {
+    let is_valid = |p: DVec2| {
+        let inside = view.camera.contains(p);
+        !inside || view.valid[(p.x as usize, p.y as usize)]
+    };
+    let ring = (0..8).map(|i| DVec2::from_angle(i as f64 * std::f64::consts::FRAC_PI_4) * 3.0 * keypoint.sigma);
+    is_valid(keypoint.position) && ring.into_iter().all(|offset| is_valid(keypoint.position + offset))
+}
