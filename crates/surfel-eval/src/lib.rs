@@ -3,8 +3,14 @@
 //! Takes depth maps, points, meshes and images from whoever made them and never a pipeline. Invariant: a
 //! missing answer counts as a miss, and the rule that says so stands in the module that scores.
 
+pub mod chamfer;
 pub mod depth_map;
 pub mod depth_metrics;
+pub mod nearest;
+pub mod normal_metrics;
+pub mod object_chamfer;
 
+pub use chamfer::{Beyond, ChamferScore, chamfer};
 pub use depth_map::DepthMap;
 pub use depth_metrics::{DepthScore, score_depth};
+pub use normal_metrics::{NormalScore, score_depth_normals, score_normals};
