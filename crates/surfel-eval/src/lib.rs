@@ -6,9 +6,15 @@
 pub mod chamfer;
 pub mod depth_map;
 pub mod depth_metrics;
+pub mod mat;
 pub mod nearest;
 pub mod normal_metrics;
+pub mod nyquist_stats;
 pub mod object_chamfer;
+pub mod psnr;
+pub mod sample_mesh;
+pub mod ssim;
+pub mod thin;
 
 pub use chamfer::{Beyond, ChamferScore, chamfer};
 pub use depth_map::DepthMap;
