@@ -1,0 +1,166 @@
+//! Which surfels each tile has to look at, front to back (spec 3.3, 3.4).
+//!
+//! Splats come sorted by depth; their index in that order is their *rank*. The sorted range is cut into a
+//! fixed number of chunks, each binned on its own, so lists are ascending in rank and the same for any
+//! number of threads. Splats over very many tiles stay in one shared list, which bounds the memory.
+
+use crate::bounds::PixelRect;
+use rayon::prelude::*;
+
+/// Pixels along one side of a tile.
+pub(crate) const TILE: usize = 16;
+
+/// A splat over more tiles than this is kept once and looked at by every tile.
+const MAX_COPIES: usize = 64;
+
+/// Splats per chunk, at least; and chunks, at most.
+const MIN_CHUNK: usize = 4096;
+const MAX_CHUNKS: usize = 32;
+
+/// The tiling of an image.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TileGrid {
+    pub columns: usize,
+    pub rows: usize,
+}
+
+impl TileGrid {
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { columns: width.div_ceil(TILE), rows: height.div_ceil(TILE) }
+    }
+
+    pub fn len(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// First pixel of tile `index`.
+    pub fn corner(&self, index: usize) -> (usize, usize) {
+        (index % self.columns * TILE, index / self.columns * TILE)
+    }
+
+    fn covered(&self, rect: &PixelRect) -> TileRect {
+        let tile = TILE as u32;
+        TileRect {
+            columns: (rect.x0 / tile) as usize..rect.x1.div_ceil(tile) as usize,
+            rows: (rect.y0 / tile) as usize..rect.y1.div_ceil(tile) as usize,
+        }
+    }
+}
+
+struct TileRect {
+    columns: std::ops::Range<usize>,
+    rows: std::ops::Range<usize>,
+}
+
+impl TileRect {
+    fn count(&self) -> usize {
+        self.columns.len() * self.rows.len()
+    }
+
+    fn tiles(&self, grid_columns: usize) -> impl Iterator<Item = usize> + '_ {
+        self.rows.clone().flat_map(move |row| self.columns.clone().map(move |column| row * grid_columns + column))
+    }
+}
+
+/// One chunk of ranks sorted into tiles: those of tile `t` are `ranks[starts[t]..starts[t + 1]]`.
+struct Chunk {
+    starts: Vec<u32>,
+    ranks: Vec<u32>,
+    wide: Vec<u32>,
+}
+
+/// The lists of all tiles.
+pub(crate) struct TileLists {
+    chunks: Vec<Chunk>,
+    wide: Vec<u32>,
+}
+
+impl TileLists {
+    /// Bins rectangles given in order of rank.
+    pub fn new(grid: TileGrid, rects: &[PixelRect]) -> Self {
+        let chunk_len = rects.len().div_ceil(MAX_CHUNKS).max(MIN_CHUNK);
+        let mut chunks: Vec<Chunk> = rects
+            .par_chunks(chunk_len)
+            .enumerate()
+            .map(|(i, rects)| Chunk::new(grid, rects, (i * chunk_len) as u32))
+            .collect();
+        let wide = chunks.iter_mut().flat_map(|chunk| std::mem::take(&mut chunk.wide)).collect();
+        Self { chunks, wide }
+    }
+
+    /// Ranks that tile `index` has to look at, ascending.
+    pub fn ranks(&self, index: usize) -> impl Iterator<Item = u32> + '_ {
+        let mut narrow = self.chunks.iter().flat_map(move |chunk| chunk.of_tile(index)).copied().peekable();
+        let mut wide = self.wide.iter().copied().peekable();
+        std::iter::from_fn(move || match (narrow.peek(), wide.peek()) {
+            (Some(a), Some(b)) if b < a => wide.next(),
+            (Some(_), _) => narrow.next(),
+            (None, _) => wide.next(),
+        })
+    }
+}
+
+impl Chunk {
+    fn new(grid: TileGrid, rects: &[PixelRect], first_rank: u32) -> Self {
+        let mut starts = vec![0u32; grid.len() + 1];
+        let mut wide = Vec::new();
+        for (rank, rect) in (first_rank..).zip(rects) {
+            let covered = grid.covered(rect);
+            if covered.count() > MAX_COPIES {
+                wide.push(rank);
+                continue;
+            }
+            for tile in covered.tiles(grid.columns) {
+                starts[tile + 1] += 1;
+            }
+        }
+        for tile in 0..grid.len() {
+            starts[tile + 1] += starts[tile];
+        }
+        let mut next = starts.clone();
+        let mut ranks = vec![0u32; starts[grid.len()] as usize];
+        for (rank, rect) in (first_rank..).zip(rects) {
+            let covered = grid.covered(rect);
+            if covered.count() > MAX_COPIES {
+                continue;
+            }
+            for tile in covered.tiles(grid.columns) {
+                ranks[next[tile] as usize] = rank;
+                next[tile] += 1;
+            }
+        }
+        Self { starts, ranks, wide }
+    }
+
+    fn of_tile(&self, index: usize) -> &[u32] {
+        &self.ranks[self.starts[index] as usize..self.starts[index + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_hold_exactly_the_splats_that_touch_a_tile_in_order() {
+        let grid = TileGrid::new(333, 190);
+        let rects: Vec<PixelRect> = (0..9000u32)
+            .map(|i| {
+                let (x0, y0) = (i * 7919 % 300, i * 104_729 % 180);
+                let side = if i % 500 == 0 { 300 } else { 1 + i % 40 };
+                PixelRect { x0, x1: (x0 + side).min(333), y0, y1: (y0 + side).min(190) }
+            })
+            .collect();
+        let lists = TileLists::new(grid, &rects);
+        assert!(!lists.wide.is_empty(), "the scene must exercise the shared list");
+        for tile in 0..grid.len() {
+            let (x, y) = grid.corner(tile);
+            let touches = |r: &PixelRect| {
+                (r.x0 as usize) < x + TILE && r.x1 as usize > x && (r.y0 as usize) < y + TILE && r.y1 as usize > y
+            };
+            let expected: Vec<u32> = (0..9000).filter(|&rank| touches(&rects[rank as usize])).collect();
+            let found: Vec<u32> = lists.ranks(tile).filter(|&rank| touches(&rects[rank as usize])).collect();
+            assert_eq!(found, expected);
+        }
+    }
+}
