@@ -51,13 +51,15 @@ pub struct Refinement {
     pub window_edge: f32,
     /// Radius of the plane fit, pixels.
     pub fit_radius: usize,
+    /// How many times `fit_radius` the sparse outer rings of the plane fit reach.
+    pub fit_reach: usize,
     /// Luma difference at which a neighbour's weight in the plane fit has fallen to 1/e.
     pub fit_edge: f32,
 }
 
 impl Default for Refinement {
     fn default() -> Self {
-        Self { rounds: 3, window_radius: 4, window_edge: 0.1, fit_radius: 5, fit_edge: 0.08 }
+        Self { rounds: 3, window_radius: 4, window_edge: 0.1, fit_radius: 5, fit_reach: 4, fit_edge: 0.08 }
     }
 }
 

@@ -34,56 +34,89 @@ pub struct Evidence {
     pub weight: f32,
 }
 
+/// Where a fit looks, nearest first: every pixel close by, then ever sparser rings.
+///
+/// The weight falls slowly with distance, so where the evidence nearby is strong the far rings hardly
+/// count, and where it is weak (a bare wall) they carry the plane across.
+struct Neighbourhood {
+    offsets: Vec<(isize, isize, f32)>,
+}
+
+impl Neighbourhood {
+    fn new(config: &Refinement) -> Self {
+        let radius = config.fit_radius as isize;
+        let far = radius * config.fit_reach as isize;
+        let mut offsets = Vec::new();
+        for dy in -far..=far {
+            for dx in -far..=far {
+                let distance_sq = dx * dx + dy * dy;
+                let stride = match distance_sq {
+                    d if d <= radius * radius => 1,
+                    d if d <= 4 * radius * radius => 3,
+                    d if d <= far * far => 6,
+                    _ => continue,
+                };
+                if dx % stride == 0 && dy % stride == 0 {
+                    let reach_sq = (radius * radius) as f32 / 2.0;
+                    offsets.push((dx, dy, 1.0 / (1.0 + distance_sq as f32 / reach_sq.max(1.0))));
+                }
+            }
+        }
+        Self { offsets }
+    }
+}
+
 /// Fits a plane around every pixel.
 ///
 /// `current` is what the surface is believed to be; neighbours that disagree with its extrapolation by
 /// more than about `tolerance` (inverse depth) belong to another surface and lose their weight.
 pub fn fit_planes(evidence: &Grid<Evidence>, current: &Grid<Plane>, guide: &Grid<[f32; 3]>, tolerance: f32, config: &Refinement) -> Grid<Plane> {
     let (width, height) = (evidence.width(), evidence.height());
+    let neighbourhood = Neighbourhood::new(config);
     let mut planes = Grid::filled(width, height, Plane::default());
     planes.as_mut_slice().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
-            *out = fit_plane(evidence, current[(x, y)], guide, tolerance, config, x, y);
+            *out = fit_plane(evidence, current[(x, y)], guide, tolerance, config, &neighbourhood, x, y);
         }
     });
     planes
 }
 
-fn fit_plane(evidence: &Grid<Evidence>, current: Plane, guide: &Grid<[f32; 3]>, tolerance: f32, config: &Refinement, x: usize, y: usize) -> Plane {
-    let radius = config.fit_radius as isize;
-    let (width, height) = (evidence.width() as isize, evidence.height() as isize);
+fn fit_plane(
+    evidence: &Grid<Evidence>,
+    current: Plane,
+    guide: &Grid<[f32; 3]>,
+    tolerance: f32,
+    config: &Refinement,
+    neighbourhood: &Neighbourhood,
+    x: usize,
+    y: usize,
+) -> Plane {
     let own = guide[(x, y)];
     let inverse_edge_sq = 1.0 / (config.fit_edge * config.fit_edge);
-    let inverse_reach_sq = 2.0 / (radius * radius) as f32;
     let inverse_tolerance_sq = 1.0 / (tolerance * tolerance);
     // Normal equations of residuals r = w - current.at(dx, dy), which keeps the numbers small.
     let mut m = [0.0f32; 6];
     let mut v = [0.0f32; 3];
-    for yy in (y as isize - radius).max(0)..=(y as isize + radius).min(height - 1) {
-        let dy = (yy - y as isize) as f32;
-        for xx in (x as isize - radius).max(0)..=(x as isize + radius).min(width - 1) {
-            let q = evidence[(xx as usize, yy as usize)];
-            if q.weight <= 0.0 {
-                continue;
-            }
-            let dx = (xx - x as isize) as f32;
-            let residual = q.w - current.at(dx, dy);
-            let colour = guide[(xx as usize, yy as usize)];
-            let colour_sq: f32 = (0..3).map(|c| (colour[c] - own[c]) * (colour[c] - own[c])).sum();
-            let near = 1.0 / (1.0 + (dx * dx + dy * dy) * inverse_reach_sq);
-            let alike = 1.0 / (1.0 + colour_sq * inverse_edge_sq);
-            let agree = 1.0 / (1.0 + residual * residual * inverse_tolerance_sq);
-            let weight = q.weight * near * alike * alike * agree * agree;
-            m[0] += weight;
-            m[1] += weight * dx;
-            m[2] += weight * dy;
-            m[3] += weight * dx * dx;
-            m[4] += weight * dx * dy;
-            m[5] += weight * dy * dy;
-            v[0] += weight * residual;
-            v[1] += weight * residual * dx;
-            v[2] += weight * residual * dy;
-        }
+    for &(dx, dy, near) in &neighbourhood.offsets {
+        let (px, py) = (x as isize + dx, y as isize + dy);
+        let Some(q) = evidence.get(px, py).filter(|q| q.weight > 0.0) else { continue };
+        let (dx, dy) = (dx as f32, dy as f32);
+        let residual = q.w - current.at(dx, dy);
+        let colour = guide[(px as usize, py as usize)];
+        let colour_sq: f32 = (0..3).map(|c| (colour[c] - own[c]) * (colour[c] - own[c])).sum();
+        let alike = 1.0 / (1.0 + colour_sq * inverse_edge_sq);
+        let agree = 1.0 / (1.0 + residual * residual * inverse_tolerance_sq);
+        let weight = q.weight * near * alike * alike * agree * agree;
+        m[0] += weight;
+        m[1] += weight * dx;
+        m[2] += weight * dy;
+        m[3] += weight * dx * dx;
+        m[4] += weight * dx * dy;
+        m[5] += weight * dy * dy;
+        v[0] += weight * residual;
+        v[1] += weight * residual * dx;
+        v[2] += weight * residual * dy;
     }
     let correction = solve_symmetric(m, v);
     Plane { w: current.w + correction[0], w_x: current.w_x + correction[1], w_y: current.w_y + correction[2] }
