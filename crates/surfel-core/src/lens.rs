@@ -64,10 +64,8 @@ impl Polynomial {
     fn apply(&self, p: DVec2) -> DVec2 {
         let r_sq = p.length_squared();
         let ([p1, p2], xy) = (self.tangential, p.x * p.y);
-        let tangential = DVec2::new(
-            2.0 * p1 * xy + p2 * (r_sq + 2.0 * p.x * p.x),
-            2.0 * p2 * xy + p1 * (r_sq + 2.0 * p.y * p.y),
-        );
+        let tangential =
+            DVec2::new(2.0 * p1 * xy + p2 * (r_sq + 2.0 * p.x * p.x), 2.0 * p2 * xy + p1 * (r_sq + 2.0 * p.y * p.y));
         p * self.radial_factor(r_sq) + tangential + DVec2::from_array(self.prism) * r_sq
     }
 

@@ -70,7 +70,12 @@ impl CostVolume {
     }
 
     /// Sweeps the candidates for `reference` against all `sources`.
-    pub fn sweep(reference: &MatchImage, sources: &[MatchImage], candidates: Candidates, weights: &CostWeights) -> Self {
+    pub fn sweep(
+        reference: &MatchImage,
+        sources: &[MatchImage],
+        candidates: Candidates,
+        weights: &CostWeights,
+    ) -> Self {
         let (width, height, n) = (reference.gray.width(), reference.gray.height(), candidates.count);
         let warps: Vec<Warp> = sources.iter().map(|s| Warp::new(reference.camera, s.camera)).collect();
         let feature_costs: Vec<Option<FeatureCosts>> =

@@ -95,7 +95,11 @@ fn sweep_view(views: &[MatchView], v: usize, neighbours: &[usize], config: &Matc
     Some(Surface { candidates, winners, planes, correction })
 }
 
-fn check_all(views: &[MatchView], neighbours: &[Vec<usize>], surfaces: &[Option<Surface>]) -> Vec<Option<Grid<Agreement>>> {
+fn check_all(
+    views: &[MatchView],
+    neighbours: &[Vec<usize>],
+    surfaces: &[Option<Surface>],
+) -> Vec<Option<Grid<Agreement>>> {
     let depths: Vec<Option<Grid<f32>>> = surfaces.iter().map(|s| s.as_ref().map(|s| s.planes.map(|p| p.w))).collect();
     (0..views.len())
         .map(|v| {
@@ -108,7 +112,15 @@ fn check_all(views: &[MatchView], neighbours: &[Vec<usize>], surfaces: &[Option<
 }
 
 /// Round 0 smooths the winners; later rounds correct by the photographs first.
-fn refine_view(views: &[MatchView], v: usize, neighbours: &[usize], surface: &mut Surface, agreement: &Grid<Agreement>, round: usize, config: &MatchConfig) {
+fn refine_view(
+    views: &[MatchView],
+    v: usize,
+    neighbours: &[usize],
+    surface: &mut Surface,
+    agreement: &Grid<Agreement>,
+    round: usize,
+    config: &MatchConfig,
+) {
     let view = &views[v];
     let trusted = Grid::from_fn(agreement.width(), agreement.height(), |x, y| {
         view.image.valid[(x, y)] && matches!(agreement[(x, y)], Agreement::Within(_))

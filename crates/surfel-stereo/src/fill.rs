@@ -30,7 +30,13 @@ pub fn fill_untrusted(planes: &Grid<Plane>, trusted: &Grid<bool>, guide: &Grid<[
 /// Distance, in pixels, over which a neighbouring plane is continued with its slope; beyond, it levels off.
 const CONTINUATION_PX: f32 = 16.0;
 
-fn surrounding(planes: &Grid<Plane>, trusted: &Grid<bool>, guide: &Grid<[f32; 3]>, x: usize, y: usize) -> Option<Plane> {
+fn surrounding(
+    planes: &Grid<Plane>,
+    trusted: &Grid<bool>,
+    guide: &Grid<[f32; 3]>,
+    x: usize,
+    y: usize,
+) -> Option<Plane> {
     let own = guide[(x, y)];
     let mut found: Vec<(Plane, f32)> = Vec::with_capacity(8);
     for (dx, dy) in DIRECTIONS {

@@ -70,7 +70,13 @@ impl Neighbourhood {
 ///
 /// `current` is what the surface is believed to be; neighbours that disagree with its extrapolation by
 /// more than about `tolerance` (inverse depth) belong to another surface and lose their weight.
-pub fn fit_planes(evidence: &Grid<Evidence>, current: &Grid<Plane>, guide: &Grid<[f32; 3]>, tolerance: f32, config: &Refinement) -> Grid<Plane> {
+pub fn fit_planes(
+    evidence: &Grid<Evidence>,
+    current: &Grid<Plane>,
+    guide: &Grid<[f32; 3]>,
+    tolerance: f32,
+    config: &Refinement,
+) -> Grid<Plane> {
     let (width, height) = (evidence.width(), evidence.height());
     let neighbourhood = Neighbourhood::new(config);
     let mut planes = Grid::filled(width, height, Plane::default());

@@ -60,7 +60,13 @@ pub fn aggregate(volume: &CostVolume, guide: &Grid<f32>, smoothness: &Smoothness
 }
 
 /// The three paths that come from the row before, for rows in the given order.
-fn vertical(volume: &CostVolume, guide: &Grid<f32>, price: &JumpPrice, p1: i16, rows: &mut dyn Iterator<Item = usize>) -> Vec<i16> {
+fn vertical(
+    volume: &CostVolume,
+    guide: &Grid<f32>,
+    price: &JumpPrice,
+    p1: i16,
+    rows: &mut dyn Iterator<Item = usize>,
+) -> Vec<i16> {
     let (width, n) = (volume.width, volume.candidates.count);
     let mut sum = vec![0i16; volume.costs.len()];
     let row_of_paths = || (0..width).map(|_| Path::new(n)).collect::<Vec<_>>();
@@ -151,7 +157,8 @@ mod tests {
                         let value = if inside {
                             let before = &path[(py * w + px) as usize * n..][..n];
                             let least = *before.iter().min().unwrap();
-                            let jump = price.between(guide[(x as usize, y as usize)], guide[(px as usize, py as usize)]);
+                            let jump =
+                                price.between(guide[(x as usize, y as usize)], guide[(px as usize, py as usize)]);
                             let mut best = before[d].min(least + i32::from(jump));
                             if d > 0 {
                                 best = best.min(before[d - 1] + p1);

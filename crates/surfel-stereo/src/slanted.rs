@@ -26,7 +26,13 @@ pub struct Correction {
 }
 
 /// Corrects `planes` by at most `NUM_SHIFTS * shift_px` source pixels.
-pub fn correct(reference: &MatchImage, sources: &[MatchImage], planes: &Grid<Plane>, shift_px: f32, config: &Refinement) -> Grid<Correction> {
+pub fn correct(
+    reference: &MatchImage,
+    sources: &[MatchImage],
+    planes: &Grid<Plane>,
+    shift_px: f32,
+    config: &Refinement,
+) -> Grid<Correction> {
     let (width, height) = (planes.width(), planes.height());
     let warps: Vec<Warp> = sources.iter().map(|s| Warp::new(reference.camera, s.camera)).collect();
     let mut corrections = Grid::filled(width, height, Correction::default());
@@ -85,7 +91,15 @@ impl Window {
         self.variance = (sum_sq / total - self.mean * self.mean).max(0.0);
     }
 
-    fn correct(&self, sources: &[MatchImage], warps: &[Warp], plane: Plane, x: usize, y: usize, shift_px: f32) -> Correction {
+    fn correct(
+        &self,
+        sources: &[MatchImage],
+        warps: &[Warp],
+        plane: Plane,
+        x: usize,
+        y: usize,
+        shift_px: f32,
+    ) -> Correction {
         const COUNT: usize = 2 * NUM_SHIFTS + 1;
         // One inverse-depth step for all sources: the one that moves the fastest source by `shift_px`.
         let fastest = warps
