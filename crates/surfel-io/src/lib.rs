@@ -1,1 +1,3 @@
 //! Files in, files out: posed scenes in every common format, images with their intrinsics, meshes, splats and maps.
+
+pub mod write;
