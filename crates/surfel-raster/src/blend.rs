@@ -9,6 +9,7 @@ use crate::config::{MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, RenderConfig};
 use crate::exp::exp_neg;
 use crate::splat::Splat;
 use crate::tile::TILE;
+use pulp::{Simd, WithSimd};
 
 /// Pixels of one row of a tile.
 pub(crate) type Lanes = [f32; TILE];
@@ -85,9 +86,29 @@ pub(crate) struct Tile {
     pub reference: f32,
 }
 
-/// Blends the splats with the given ranks into the tile at `corner` of a `width x height` image.
+/// The job of blending one tile, as [`pulp::Arch::dispatch`] takes it.
+pub(crate) struct BlendTile<'a, R> {
+    /// First pixel of the tile.
+    pub corner: (usize, usize),
+    /// Width and height of the image.
+    pub size: (usize, usize),
+    /// Ranks of the splats to look at, front to back.
+    pub ranks: R,
+    pub splats: &'a [Splat],
+    pub config: BlendConfig,
+}
+
+impl<R: Iterator<Item = u32>> WithSimd for BlendTile<'_, R> {
+    type Output = Tile;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Tile {
+        blend_tile(self.corner, self.size, self.ranks, self.splats, &self.config)
+    }
+}
+
 #[inline(always)]
-pub(crate) fn blend_tile(
+fn blend_tile(
     corner: (usize, usize),
     size: (usize, usize),
     ranks: impl Iterator<Item = u32>,

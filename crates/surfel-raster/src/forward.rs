@@ -2,7 +2,7 @@
 //!
 //! Invariant: every step keeps a fixed order, so the maps are the same bits for any number of threads.
 
-use crate::blend::{BlendConfig, Tile, blend_tile};
+use crate::blend::{BlendConfig, BlendTile, Tile};
 use crate::pixel_camera::PixelCamera;
 use crate::project::project;
 use crate::sh_colour;
@@ -57,7 +57,10 @@ pub fn forward(surfels: &SurfelSlices, camera: &Camera, config: &RenderConfig) -
     let size = (camera.width, camera.height);
     let tiles: Vec<Tile> = (0..grid.len())
         .into_par_iter()
-        .map(|t| arch.dispatch(|| blend_tile(grid.corner(t), size, lists.ranks(t), &sorted.splats, &blend)))
+        .map(|t| {
+            let (corner, ranks, splats) = (grid.corner(t), lists.ranks(t), sorted.splats.as_slice());
+            arch.dispatch(BlendTile { corner, size, ranks, splats, config: blend })
+        })
         .collect();
     let maps = write_maps(&tiles, grid, size, config.background);
     Ok((maps, Tape { camera, config: *config, num_surfels: surfels.len(), sorted, grid, tiles }))
