@@ -4,13 +4,17 @@
 //! missing answer counts as a miss, and the rule that says so stands in the module that scores.
 
 pub mod chamfer;
+pub mod cull;
 pub mod depth_map;
 pub mod depth_metrics;
+pub mod first_hit;
+pub mod keep_faces;
 pub mod mat;
 pub mod nearest;
 pub mod normal_metrics;
 pub mod nyquist_stats;
 pub mod object_chamfer;
+pub mod ply;
 pub mod psnr;
 pub mod sample_mesh;
 pub mod ssim;
