@@ -45,6 +45,8 @@ impl Default for Smoothness {
 pub struct Refinement {
     /// Rounds of photometric correction and plane fitting.
     pub rounds: usize,
+    /// Rounds at every finer size after an upsampling.
+    pub finer_rounds: usize,
     /// Radius of the photometric window, pixels.
     pub window_radius: usize,
     /// Luma difference at which a window pixel's weight has fallen to 1/e.
@@ -59,7 +61,15 @@ pub struct Refinement {
 
 impl Default for Refinement {
     fn default() -> Self {
-        Self { rounds: 3, window_radius: 4, window_edge: 0.1, fit_radius: 5, fit_reach: 4, fit_edge: 0.08 }
+        Self {
+            rounds: 3,
+            finer_rounds: 2,
+            window_radius: 4,
+            window_edge: 0.1,
+            fit_radius: 5,
+            fit_reach: 4,
+            fit_edge: 0.08,
+        }
     }
 }
 
@@ -68,6 +78,8 @@ impl Default for Refinement {
 pub struct MatchConfig {
     /// Largest step between candidates, pixels in a source view.
     pub step_px: f64,
+    /// Photographs with more pixels are swept at half their size (repeatedly) and refined upwards.
+    pub max_sweep_pixels: usize,
     /// Matching cost.
     pub cost: CostWeights,
     /// Aggregation.
@@ -82,6 +94,7 @@ impl Default for MatchConfig {
     fn default() -> Self {
         Self {
             step_px: 1.0,
+            max_sweep_pixels: 120_000,
             cost: CostWeights::default(),
             smoothness: Smoothness::default(),
             refinement: Refinement::default(),

@@ -1,7 +1,8 @@
 //! Depth of several views by matching: the order of the steps.
 //!
-//! sweep -> aggregate -> winners -> left-right check -> fill -> (slanted correction -> plane fit) x rounds
-//! -> left-right check -> confidence. Invariant: every threshold is in pixels, shares or candidates, so the
+//! At the size of the sweep: sweep -> aggregate -> winners -> rounds of (left-right check -> fill -> slanted
+//! correction -> plane fit). At every finer size: upsample -> rounds again. At the end: check -> confidence.
+//! Invariant: every threshold is in pixels, shares or candidates, so the
 //! result is equivariant to the scale of the scene.
 
 use crate::candidates::Candidates;
@@ -10,9 +11,10 @@ use crate::consistency::{Agreement, check};
 use crate::cost_volume::{CostVolume, MatchImage};
 use crate::fill::fill_untrusted;
 use crate::plane_fit::{Evidence, Plane, fit_planes};
+use crate::pyramid::{Level, upsampled};
 use crate::semi_global::aggregate;
 use crate::slanted::{Correction, correct};
-use crate::winner::{Winner, winners};
+use crate::winner::winners;
 use rayon::prelude::*;
 use surfel_core::normals::normal_from_gradient;
 use surfel_core::{Camera, Grid};
@@ -46,26 +48,52 @@ pub struct DepthEstimate {
 /// State of one view between the steps.
 struct Surface {
     candidates: Candidates,
-    winners: Grid<Winner>,
+    uniqueness: Grid<f32>,
     planes: Grid<Plane>,
     correction: Grid<Correction>,
+}
+
+/// All views at one size, and the inverse-depth step of about one pixel there.
+struct Stage<'a> {
+    levels: &'a [Level],
+    images: Vec<MatchImage<'a>>,
+    neighbours: &'a [Vec<usize>],
+    config: &'a MatchConfig,
+    /// Inverse-depth step per candidate step of the sweep: halves with every upsampling.
+    step_share: f32,
 }
 
 /// Estimates the depth of every view from its neighbours (indices into `views`).
 ///
 /// A view without neighbours, or a range that is not `0 < near < far`, gives an empty estimate (all zero).
 pub fn estimate_depths(views: &[MatchView], neighbours: &[Vec<usize>], config: &MatchConfig) -> Vec<DepthEstimate> {
+    let pyramid = pyramid(views, config.max_sweep_pixels);
+    let stage = |halvings: usize| {
+        let levels = &pyramid[halvings];
+        let images = levels.iter().zip(views).map(|(level, view)| level.image(view.image.features, halvings)).collect();
+        let step_share = 0.5f32.powi((pyramid.len() - 1 - halvings) as i32);
+        Stage { levels, images, neighbours, config, step_share }
+    };
+    let coarsest = stage(pyramid.len() - 1);
     let mut surfaces: Vec<Option<Surface>> =
-        (0..views.len()).map(|v| sweep_view(views, v, &neighbours[v], config)).collect();
-    for round in 0..=config.refinement.rounds {
-        let agreement = check_all(views, neighbours, &surfaces);
-        surfaces.par_iter_mut().enumerate().for_each(|(v, surface)| {
-            if let (Some(surface), Some(agreement)) = (surface.as_mut(), &agreement[v]) {
-                refine_view(views, v, &neighbours[v], surface, agreement, round, config);
-            }
-        });
+        (0..views.len()).map(|v| coarsest.sweep_view(v, (views[v].near, views[v].far))).collect();
+    coarsest.refine_all(&mut surfaces, None);
+    for round in 0..config.refinement.rounds {
+        coarsest.refine_all(&mut surfaces, Some(round));
     }
-    let agreement = check_all(views, neighbours, &surfaces);
+    for halvings in (0..pyramid.len() - 1).rev() {
+        for (v, surface) in surfaces.iter_mut().enumerate() {
+            if let Some(surface) = surface {
+                surface.planes = upsampled(&surface.planes, &pyramid[halvings + 1][v], &pyramid[halvings][v]);
+            }
+        }
+        let finer = stage(halvings);
+        for round in 0..config.refinement.finer_rounds {
+            finer.refine_all(&mut surfaces, Some(round));
+        }
+    }
+    let finest = stage(0);
+    let agreement = finest.check_all(&surfaces);
     (0..views.len())
         .map(|v| match (&surfaces[v], &agreement[v]) {
             (Some(surface), Some(agreement)) => finish(&views[v], surface, agreement, config),
@@ -74,81 +102,97 @@ pub fn estimate_depths(views: &[MatchView], neighbours: &[Vec<usize>], config: &
         .collect()
 }
 
-fn sources_of<'a>(views: &[MatchView<'a>], neighbours: &[usize]) -> Vec<MatchImage<'a>> {
-    neighbours.iter().map(|&n| views[n].image).collect()
-}
-
-fn sweep_view(views: &[MatchView], v: usize, neighbours: &[usize], config: &MatchConfig) -> Option<Surface> {
-    let view = &views[v];
-    let range_is_sane = view.near > 0.0 && view.far > view.near && view.far.is_finite();
-    if neighbours.is_empty() || !range_is_sane {
-        return None;
+/// Levels per number of halvings; the last is small enough to sweep.
+fn pyramid(views: &[MatchView], max_pixels: usize) -> Vec<Vec<Level>> {
+    let mut pyramid: Vec<Vec<Level>> = vec![views.iter().map(Level::of).collect()];
+    while let Some(last) = pyramid.last()
+        && last.iter().any(|level| level.colour.len() > max_pixels.max(1024))
+    {
+        pyramid.push(last.iter().map(Level::halved).collect());
     }
-    let sources = sources_of(views, neighbours);
-    let cameras: Vec<Camera> = sources.iter().map(|s| *s.camera).collect();
-    let candidates = Candidates::for_pair(view.image.camera, &cameras, view.near, view.far, config.step_px);
-    let volume = CostVolume::sweep(&view.image, &sources, candidates, &config.cost);
-    let aggregated = aggregate(&volume, view.image.gray, &config.smoothness);
-    let winners = winners(volume.width, volume.height, &candidates, &aggregated);
-    let planes = winners.map(|winner| Plane { w: winner.inverse_depth, w_x: 0.0, w_y: 0.0 });
-    let correction = planes.map(|_| Correction::default());
-    Some(Surface { candidates, winners, planes, correction })
+    pyramid
 }
 
-fn check_all(
-    views: &[MatchView],
-    neighbours: &[Vec<usize>],
-    surfaces: &[Option<Surface>],
-) -> Vec<Option<Grid<Agreement>>> {
-    let depths: Vec<Option<Grid<f32>>> = surfaces.iter().map(|s| s.as_ref().map(|s| s.planes.map(|p| p.w))).collect();
-    (0..views.len())
-        .map(|v| {
-            let own = depths[v].as_ref()?;
-            let others: Vec<(&Camera, &Grid<f32>)> =
-                neighbours[v].iter().filter_map(|&n| Some((views[n].image.camera, depths[n].as_ref()?))).collect();
-            Some(check(views[v].image.camera, own, &others))
-        })
-        .collect()
-}
-
-/// Round 0 smooths the winners; later rounds correct by the photographs first.
-fn refine_view(
-    views: &[MatchView],
-    v: usize,
-    neighbours: &[usize],
-    surface: &mut Surface,
-    agreement: &Grid<Agreement>,
-    round: usize,
-    config: &MatchConfig,
-) {
-    let view = &views[v];
-    let trusted = Grid::from_fn(agreement.width(), agreement.height(), |x, y| {
-        view.image.valid[(x, y)] && matches!(agreement[(x, y)], Agreement::Within(_))
-    });
-    let mut planes = fill_untrusted(&surface.planes, &trusted, view.colour);
-    let step = surface.candidates.step as f32;
-    let evidence = if round == 0 {
-        Grid::from_fn(planes.width(), planes.height(), |x, y| Evidence {
-            w: planes[(x, y)].w,
-            weight: if trusted[(x, y)] { 0.02 + surface.winners[(x, y)].uniqueness } else { 0.0 },
-        })
-    } else {
-        let shift_px = if round == 1 { 0.5 } else { 0.25 };
-        let sources = sources_of(views, neighbours);
-        surface.correction = correct(&view.image, &sources, &planes, shift_px, &config.refinement);
-        Grid::from_fn(planes.width(), planes.height(), |x, y| {
-            let Evidence { w, weight } = surface.correction[(x, y)].evidence;
-            Evidence { w, weight: if trusted[(x, y)] { weight + 1e-3 } else { 0.0 } }
-        })
-    };
-    let tolerance = step * if round <= 1 { 1.0 } else { 0.5 };
-    let passes = if round == 0 { 2 } else { 1 };
-    for _ in 0..passes {
-        planes = fit_planes(&evidence, &planes, view.colour, tolerance, &config.refinement);
+impl Stage<'_> {
+    fn sources(&self, v: usize) -> Vec<MatchImage<'_>> {
+        self.neighbours[v].iter().map(|&n| self.images[n]).collect()
     }
-    let (low, high) = (surface.candidates.first as f32, surface.candidates.last() as f32);
-    planes.as_mut_slice().iter_mut().for_each(|p| p.w = p.w.clamp(low, high));
-    surface.planes = planes;
+
+    fn sweep_view(&self, v: usize, (near, far): (f64, f64)) -> Option<Surface> {
+        let range_is_sane = near > 0.0 && far > near && far.is_finite();
+        if self.neighbours[v].is_empty() || !range_is_sane {
+            return None;
+        }
+        let (image, sources) = (&self.images[v], self.sources(v));
+        let cameras: Vec<Camera> = sources.iter().map(|s| *s.camera).collect();
+        let candidates = Candidates::for_pair(image.camera, &cameras, near, far, self.config.step_px);
+        let volume = CostVolume::sweep(image, &sources, candidates, &self.config.cost);
+        let aggregated = aggregate(&volume, image.gray, &self.config.smoothness);
+        let winners = winners(volume.width, volume.height, &candidates, &aggregated);
+        let planes = winners.map(|winner| Plane { w: winner.inverse_depth, w_x: 0.0, w_y: 0.0 });
+        let correction = planes.map(|_| Correction::default());
+        Some(Surface { candidates, uniqueness: winners.map(|winner| winner.uniqueness), planes, correction })
+    }
+
+    fn check_all(&self, surfaces: &[Option<Surface>]) -> Vec<Option<Grid<Agreement>>> {
+        let depths: Vec<Option<Grid<f32>>> =
+            surfaces.iter().map(|s| s.as_ref().map(|s| s.planes.map(|p| p.w))).collect();
+        (0..surfaces.len())
+            .map(|v| {
+                let own = depths[v].as_ref()?;
+                let others: Vec<(&Camera, &Grid<f32>)> = self.neighbours[v]
+                    .iter()
+                    .filter_map(|&n| Some((self.images[n].camera, depths[n].as_ref()?)))
+                    .collect();
+                Some(check(self.images[v].camera, own, &others))
+            })
+            .collect()
+    }
+
+    /// One round for every view: check, fill, correct by the photographs (unless `round` is `None`: then the
+    /// winners of the sweep are only smoothed), fit planes.
+    fn refine_all(&self, surfaces: &mut [Option<Surface>], round: Option<usize>) {
+        let agreement = self.check_all(surfaces);
+        surfaces.par_iter_mut().enumerate().for_each(|(v, surface)| {
+            if let (Some(surface), Some(agreement)) = (surface.as_mut(), &agreement[v]) {
+                self.refine_view(v, surface, agreement, round);
+            }
+        });
+    }
+
+    fn refine_view(&self, v: usize, surface: &mut Surface, agreement: &Grid<Agreement>, round: Option<usize>) {
+        let (image, colour, config) = (&self.images[v], &self.levels[v].colour, &self.config.refinement);
+        let trusted = Grid::from_fn(agreement.width(), agreement.height(), |x, y| {
+            image.valid[(x, y)] && matches!(agreement[(x, y)], Agreement::Within(_))
+        });
+        let mut planes = fill_untrusted(&surface.planes, &trusted, colour);
+        let step = surface.candidates.step as f32 * self.step_share;
+        let evidence = match round {
+            None => Grid::from_fn(planes.width(), planes.height(), |x, y| Evidence {
+                w: planes[(x, y)].w,
+                weight: if trusted[(x, y)] { 0.02 + surface.uniqueness[(x, y)] } else { 0.0 },
+            }),
+            Some(round) => {
+                let shift_px = if round == 0 { 0.5 } else { 0.25 };
+                surface.correction = correct(image, &self.sources(v), &planes, shift_px, config);
+                Grid::from_fn(planes.width(), planes.height(), |x, y| {
+                    let Evidence { w, weight } = surface.correction[(x, y)].evidence;
+                    Evidence { w, weight: if trusted[(x, y)] { weight + 1e-3 } else { 0.0 } }
+                })
+            }
+        };
+        let (tolerance, passes) = match round {
+            None => (step, 2),
+            Some(0) => (step, 1),
+            Some(_) => (0.5 * step, 1),
+        };
+        for _ in 0..passes {
+            planes = fit_planes(&evidence, &planes, colour, tolerance, config);
+        }
+        let (low, high) = (surface.candidates.first as f32, surface.candidates.last() as f32);
+        planes.as_mut_slice().iter_mut().for_each(|p| p.w = p.w.clamp(low, high));
+        surface.planes = planes;
+    }
 }
 
 fn finish(view: &MatchView, surface: &Surface, agreement: &Grid<Agreement>, config: &MatchConfig) -> DepthEstimate {

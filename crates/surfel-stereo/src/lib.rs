@@ -12,6 +12,7 @@ pub mod cost_volume;
 pub mod estimate;
 pub mod fill;
 pub mod plane_fit;
+pub mod pyramid;
 pub mod semi_global;
 pub mod slanted;
 pub mod warp;
