@@ -5,9 +5,25 @@
 //! bounds, a choice of views and verdicts in plain sentences. The invariant: nothing here depends on
 //! the unit of length of the scene.
 
+pub mod bounds;
+pub mod consensus;
 pub mod descriptor;
+pub mod epipolar;
+pub mod epipolar_picture;
+pub mod frustum;
 pub mod keypoints;
 pub mod matching;
+pub mod mistake;
+pub mod plausible;
 pub mod pyramid;
+pub mod sanity;
+pub mod triangulate;
 
+pub use bounds::{Bounds, BoundsError, BoundsSource, Neighbour, bounds};
+pub use consensus::{Consensus, consensus};
+pub use epipolar::EpipolarGeometry;
+pub use epipolar_picture::epipolar_picture;
 pub use matching::{Features, Match, match_features, match_views};
+pub use mistake::{IntrinsicsMistake, Mistake, PoseMistake};
+pub use sanity::{Status, Verdict, check_pair};
+pub use triangulate::{Side, Triangulated, triangulate};

@@ -28,6 +28,13 @@ pub struct Match {
     pub score: f64,
 }
 
+impl Match {
+    /// The same match seen from the other view.
+    pub fn swapped(&self) -> Self {
+        Self { a: self.b, b: self.a, ..*self }
+    }
+}
+
 /// The described keypoints of one view.
 #[derive(Clone, Debug, Default)]
 pub struct Features {
