@@ -62,9 +62,7 @@ pub enum WeightsError {
         expected: Vec<usize>,
     },
     /// A tensor is stored in a type other than f16 or f32.
-    #[error(
-        "tensor {tensor} in {file} is stored as {dtype}; only F16 and F32 are supported, convert the file"
-    )]
+    #[error("tensor {tensor} in {file} is stored as {dtype}; only F16 and F32 are supported, convert the file")]
     WrongType {
         /// The file.
         file: String,
@@ -74,9 +72,7 @@ pub enum WeightsError {
         dtype: String,
     },
     /// A value is NaN or infinite.
-    #[error(
-        "tensor {tensor} in {file} contains a value that is not a finite number; the file is damaged"
-    )]
+    #[error("tensor {tensor} in {file} contains a value that is not a finite number; the file is damaged")]
     NotFinite {
         /// The file.
         file: String,
@@ -91,10 +87,7 @@ pub enum WeightsError {
 /// [`WeightsError::Unreadable`] and [`WeightsError::TooLarge`].
 pub fn read_file(path: &Path) -> Result<Vec<u8>, WeightsError> {
     let file = path.display().to_string();
-    let unreadable = |source| WeightsError::Unreadable {
-        file: file.clone(),
-        source,
-    };
+    let unreadable = |source| WeightsError::Unreadable { file: file.clone(), source };
     let bytes = std::fs::metadata(path).map_err(unreadable)?.len();
     if bytes > MAX_FILE_BYTES {
         return Err(WeightsError::TooLarge { file, bytes });
@@ -115,10 +108,8 @@ impl<'a> TensorFile<'a> {
     /// [`WeightsError::Malformed`].
     pub fn parse(file: impl Into<String>, bytes: &'a [u8]) -> Result<Self, WeightsError> {
         let file = file.into();
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| WeightsError::Malformed {
-            file: file.clone(),
-            reason: error.to_string(),
-        })?;
+        let tensors = SafeTensors::deserialize(bytes)
+            .map_err(|error| WeightsError::Malformed { file: file.clone(), reason: error.to_string() })?;
         Ok(Self { file, tensors })
     }
 
@@ -128,47 +119,21 @@ impl<'a> TensorFile<'a> {
     /// [`WeightsError`] when it is missing, has another shape or type, or holds a value that is not finite.
     pub fn values(&self, tensor: &str, expected: &[usize]) -> Result<Vec<f32>, WeightsError> {
         let (file, name) = (|| self.file.clone(), || tensor.to_owned());
-        let view = self
-            .tensors
-            .tensor(tensor)
-            .map_err(|_| WeightsError::Missing {
-                file: file(),
-                tensor: name(),
-            })?;
+        let view = self.tensors.tensor(tensor).map_err(|_| WeightsError::Missing { file: file(), tensor: name() })?;
         if view.shape() != expected {
             let (found, expected) = (view.shape().to_vec(), expected.to_vec());
-            return Err(WeightsError::WrongShape {
-                file: file(),
-                tensor: name(),
-                found,
-                expected,
-            });
+            return Err(WeightsError::WrongShape { file: file(), tensor: name(), found, expected });
         }
         let values: Vec<f32> = match view.dtype() {
-            Dtype::F16 => view
-                .data()
-                .chunks_exact(2)
-                .map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32())
-                .collect(),
-            Dtype::F32 => view
-                .data()
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .collect(),
+            Dtype::F16 => view.data().chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect(),
+            Dtype::F32 => view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
             other => {
                 let dtype = format!("{other:?}");
-                return Err(WeightsError::WrongType {
-                    file: file(),
-                    tensor: name(),
-                    dtype,
-                });
+                return Err(WeightsError::WrongType { file: file(), tensor: name(), dtype });
             }
         };
         if values.iter().any(|v| !v.is_finite()) {
-            return Err(WeightsError::NotFinite {
-                file: file(),
-                tensor: name(),
-            });
+            return Err(WeightsError::NotFinite { file: file(), tensor: name() });
         }
         Ok(values)
     }

@@ -28,14 +28,8 @@ fn equals_the_plain_loops_at_odd_sizes() {
         let image = picture(width, height);
         let twin = trunk_twin::run(WEIGHTS, &image);
         for (map, stage) in extractor.extract(&image, &ALL).iter().zip(ALL) {
-            assert_eq!(
-                (map.width, map.height),
-                (width.div_ceil(map.stride), height.div_ceil(map.stride))
-            );
-            assert_eq!(
-                (map.channels, map.stride),
-                (stage.channels(), stage.stride())
-            );
+            assert_eq!((map.width, map.height), (width.div_ceil(map.stride), height.div_ceil(map.stride)));
+            assert_eq!((map.channels, map.stride), (stage.channels(), stage.stride()));
             let expected = &twin[&stage.stride()];
             for y in 0..map.height {
                 for x in 0..map.width {
@@ -61,14 +55,8 @@ fn stages_do_not_depend_on_each_other_nor_on_the_number_of_threads() {
     for (map, stage) in all.iter().zip(ALL) {
         assert_eq!(extractor.extract(&image, &[stage])[0], *map);
     }
-    assert_eq!(
-        extractor.extract(&image, &[Stage::S8, Stage::S8]),
-        vec![all[1].clone(); 2]
-    );
-    let three = rayon::ThreadPoolBuilder::new()
-        .num_threads(3)
-        .build()
-        .unwrap();
+    assert_eq!(extractor.extract(&image, &[Stage::S8, Stage::S8]), vec![all[1].clone(); 2]);
+    let three = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     assert_eq!(three.install(|| extractor.extract(&image, &ALL)), all);
 }
 
@@ -84,18 +72,14 @@ fn a_feature_is_centred_where_the_documentation_says() {
             for y in 0..96 {
                 changed[(x, y)] = changed[(x, y)].map(|v| 1.0 - v);
             }
-            extractor.extract(&changed, &[Stage::S4])[0].pixel(column, row)
-                != before.pixel(column, row)
+            extractor.extract(&changed, &[Stage::S4])[0].pixel(column, row) != before.pixel(column, row)
         })
         .collect();
     let (first, last) = (reached[0] as f64, *reached.last().unwrap() as f64);
     // Index coordinates of both ends, so the middle in continuous coordinates is half a pixel further.
     assert_eq!((first + last) / 2.0 + 0.5, before.centre_in_input(column));
     assert_eq!(before.centre_in_input(column), 4.0 * 11.0 + 3.5);
-    assert_eq!(
-        before.index_from_input(before.centre_in_input(column)),
-        11.0
-    );
+    assert_eq!(before.index_from_input(before.centre_in_input(column)), 11.0);
 }
 
 #[test]
@@ -103,10 +87,7 @@ fn an_image_without_pixels_or_with_poison_does_not_panic() {
     let extractor = FeatureExtractor::new().unwrap();
     let empty = extractor.extract(&Grid::from_vec(0, 0, Vec::new()), &ALL);
     assert!(empty.len() == 3 && empty.iter().all(|m| m.data.is_empty() && m.width == 0));
-    extractor.extract(
-        &Grid::filled(20, 20, [f32::NAN, f32::INFINITY, -1e30]),
-        &ALL,
-    );
+    extractor.extract(&Grid::filled(20, 20, [f32::NAN, f32::INFINITY, -1e30]), &ALL);
     assert!(extractor.extract(&picture(9, 9), &[]).is_empty());
 }
 
@@ -119,31 +100,19 @@ fn damaged_weights_are_explained() {
         FeatureExtractor::from_file(&path)
     };
     assert!(load(WEIGHTS).is_ok());
-    for bytes in [
-        &WEIGHTS[..0],
-        &WEIGHTS[..7],
-        &WEIGHTS[..900],
-        &WEIGHTS[..WEIGHTS.len() - 1],
-        &[0xff; 64],
-    ] {
+    for bytes in [&WEIGHTS[..0], &WEIGHTS[..7], &WEIGHTS[..900], &WEIGHTS[..WEIGHTS.len() - 1], &[0xff; 64]] {
         let error = load(bytes).unwrap_err();
         assert!(matches!(error, WeightsError::Malformed { .. }), "{error}");
         assert!(error.to_string().contains("w.safetensors"));
     }
     let edited = |from: &str, to: &str| {
-        let at = WEIGHTS
-            .windows(from.len())
-            .position(|w| w == from.as_bytes())
-            .unwrap();
+        let at = WEIGHTS.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
         let mut bytes = WEIGHTS.to_vec();
         bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
         load(&bytes).unwrap_err()
     };
     let error = edited("_conv_stem.weight", "_conv_root.weight");
-    assert!(
-        matches!(&error, WeightsError::Missing { tensor, .. } if tensor == "_conv_stem.weight"),
-        "{error}"
-    );
+    assert!(matches!(&error, WeightsError::Missing { tensor, .. } if tensor == "_conv_stem.weight"), "{error}");
     let error = edited("\"shape\":[32,1,3,3]", "\"shape\":[1,32,3,3]");
     assert!(matches!(&error, WeightsError::WrongShape { .. }), "{error}");
     let mut bytes = WEIGHTS.to_vec();

@@ -7,7 +7,7 @@
 use super::FeatureMap;
 use crate::ops::depthwise::Depthwise;
 use crate::ops::pointwise::{Activation, Pointwise};
-use crate::ops::simd::{Kernel, dispatch};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// One block with BatchNorm folded in.
@@ -21,9 +21,7 @@ pub(super) struct Block {
 
 impl Block {
     fn num_inputs(&self) -> usize {
-        self.expand
-            .as_ref()
-            .map_or(self.depthwise.channels, |e| e.num_inputs)
+        self.expand.as_ref().map_or(self.depthwise.channels, |e| e.num_inputs)
     }
 
     /// The block's output map; width and height are divisible by the stride.
@@ -33,26 +31,11 @@ impl Block {
         let channels = self.project.num_outputs;
         let mut data = vec![0.0; width * height * channels];
         // Two bands per thread balance the load; short bands would expand their border rows twice too often.
-        let band = height
-            .div_ceil(2 * rayon::current_num_threads())
-            .clamp(4, 64);
+        let band = height.div_ceil(2 * rayon::current_num_threads()).clamp(4, 64);
         data.par_chunks_mut(band * width * channels)
             .enumerate()
-            .for_each(|(i, output)| {
-                dispatch(Band {
-                    block: self,
-                    input,
-                    first_row: i * band,
-                    output,
-                })
-            });
-        FeatureMap {
-            channels,
-            width,
-            height,
-            stride: input.stride * stride,
-            data,
-        }
+            .for_each(|(i, output)| Arch::new().dispatch(Band { block: self, input, first_row: i * band, output }));
+        FeatureMap { channels, width, height, stride: input.stride * stride, data }
     }
 }
 
@@ -64,25 +47,14 @@ struct Band<'a> {
     output: &'a mut [f32],
 }
 
-impl Kernel for Band<'_> {
+impl WithSimd for Band<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let Self {
-            block,
-            input,
-            first_row,
-            output,
-        } = self;
-        let Depthwise {
-            channels,
-            kernel,
-            stride,
-            ..
-        } = block.depthwise;
-        let (width, row_len) = (
-            input.width / stride,
-            block.project.num_outputs * (input.width / stride),
-        );
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { block, input, first_row, output } = self;
+        let Depthwise { channels, kernel, stride, .. } = block.depthwise;
+        let (width, row_len) = (input.width / stride, block.project.num_outputs * (input.width / stride));
         // "Same" padding for sizes divisible by the stride: `kernel - stride` in all, the odd one after.
         let before = (kernel - stride) / 2;
         let padded_len = (input.width + kernel - stride) * channels;
@@ -95,20 +67,16 @@ impl Kernel for Band<'_> {
             let top = (first_row + i) * stride;
             while num_expanded < top + kernel {
                 let padded = &mut ring[num_expanded % kernel * padded_len..][..padded_len];
-                let inside = num_expanded
-                    .checked_sub(before)
-                    .filter(|&y| y < input.height);
-                block.expand_row::<FUSED>(input, inside, before, padded);
+                let inside = num_expanded.checked_sub(before).filter(|&y| y < input.height);
+                block.expand_row(simd, input, inside, before, padded);
                 num_expanded += 1;
             }
             let mut rows = [&ring[..0]; 5];
             for (dy, row) in rows[..kernel].iter_mut().enumerate() {
                 *row = &ring[(top + dy) % kernel * padded_len..][..padded_len];
             }
-            block.depthwise.row::<FUSED>(&rows[..kernel], &mut wide);
-            block
-                .project
-                .apply::<FUSED>(&wide, out_row, Activation::Linear);
+            block.depthwise.row(simd, &rows[..kernel], &mut wide);
+            block.project.apply(simd, &wide, out_row, Activation::Linear);
             if residual {
                 let source = &input.data[(first_row + i) * row_len..][..row_len];
                 for (out, value) in out_row.iter_mut().zip(source) {
@@ -122,13 +90,7 @@ impl Kernel for Band<'_> {
 impl Block {
     /// Input row `y` expanded into the middle of a padded row; zeros when `y` lies outside the map.
     #[inline(always)]
-    fn expand_row<const FUSED: bool>(
-        &self,
-        input: &FeatureMap,
-        y: Option<usize>,
-        before: usize,
-        padded: &mut [f32],
-    ) {
+    fn expand_row<S: Simd>(&self, simd: S, input: &FeatureMap, y: Option<usize>, before: usize, padded: &mut [f32]) {
         let Some(y) = y else {
             padded.fill(0.0);
             return;
@@ -140,7 +102,7 @@ impl Block {
         left.fill(0.0);
         right.fill(0.0);
         match &self.expand {
-            Some(expand) => expand.apply::<FUSED>(row, middle, Activation::Relu6),
+            Some(expand) => expand.apply(simd, row, middle, Activation::Relu6),
             None => middle.copy_from_slice(row),
         }
     }

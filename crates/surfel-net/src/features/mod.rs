@@ -83,17 +83,8 @@ impl FeatureMap {
     /// The top-left `width` x `height` pixels.
     fn cropped(&self, width: usize, height: usize) -> Self {
         let row = self.width * self.channels;
-        let data = (0..height)
-            .flat_map(|y| &self.data[y * row..][..width * self.channels])
-            .copied()
-            .collect();
-        Self {
-            channels: self.channels,
-            width,
-            height,
-            stride: self.stride,
-            data,
-        }
+        let data = (0..height).flat_map(|y| &self.data[y * row..][..width * self.channels]).copied().collect();
+        Self { channels: self.channels, width, height, stride: self.stride, data }
     }
 }
 
@@ -122,9 +113,7 @@ impl FeatureExtractor {
     }
 
     fn parse(name: &str, bytes: &[u8]) -> Result<Self, WeightsError> {
-        Ok(Self {
-            trunk: Trunk::load(&TensorFile::parse(name, bytes)?)?,
-        })
+        Ok(Self { trunk: Trunk::load(&TensorFile::parse(name, bytes)?)? })
     }
 
     /// The feature maps of an sRGB image in \[0, 1\], one per entry of `stages` and in that order.
@@ -139,9 +128,7 @@ impl FeatureExtractor {
         stages
             .iter()
             .filter_map(|&stage| find(stage))
-            .map(|(stage, map)| {
-                map.cropped(size(image.width(), *stage), size(image.height(), *stage))
-            })
+            .map(|(stage, map)| map.cropped(size(image.width(), *stage), size(image.height(), *stage)))
             .collect()
     }
 }

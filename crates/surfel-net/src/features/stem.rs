@@ -5,7 +5,7 @@
 
 use super::FeatureMap;
 use crate::ops::pointwise::{Activation, Pointwise};
-use crate::ops::simd::{Kernel, dispatch};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use surfel_core::Grid;
 
@@ -31,41 +31,21 @@ impl Stem {
                 weights[out * WINDOW + channel * 9 + tap]
             })
             .collect();
-        Self {
-            conv: Pointwise::new(&by_pixel, bias, WINDOW),
-        }
+        Self { conv: Pointwise::new(&by_pixel, bias, WINDOW) }
     }
 
     /// The stride-2 map of an image padded to `padded_width` x `padded_height` (both even).
-    pub(super) fn run(
-        &self,
-        image: &Grid<[f32; 3]>,
-        padded_width: usize,
-        padded_height: usize,
-    ) -> FeatureMap {
-        let (width, height, channels) =
-            (padded_width / 2, padded_height / 2, self.conv.num_outputs);
+    pub(super) fn run(&self, image: &Grid<[f32; 3]>, padded_width: usize, padded_height: usize) -> FeatureMap {
+        let (width, height, channels) = (padded_width / 2, padded_height / 2, self.conv.num_outputs);
         let mut data = vec![0.0; width * height * channels];
-        data.par_chunks_mut(width * channels)
-            .enumerate()
-            .for_each_init(
-                || vec![0.0; width * WINDOW],
-                |windows, (y, output)| {
-                    gather(image, y, padded_width, padded_height, windows);
-                    dispatch(StemRow {
-                        conv: &self.conv,
-                        windows,
-                        output,
-                    });
-                },
-            );
-        FeatureMap {
-            channels,
-            width,
-            height,
-            stride: 2,
-            data,
-        }
+        data.par_chunks_mut(width * channels).enumerate().for_each_init(
+            || vec![0.0; width * WINDOW],
+            |windows, (y, output)| {
+                gather(image, y, padded_width, padded_height, windows);
+                Arch::new().dispatch(StemRow { conv: &self.conv, windows, output });
+            },
+        );
+        FeatureMap { channels, width, height, stride: 2, data }
     }
 }
 
@@ -75,22 +55,17 @@ struct StemRow<'a> {
     output: &'a mut [f32],
 }
 
-impl Kernel for StemRow<'_> {
+impl WithSimd for StemRow<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        self.conv
-            .apply::<FUSED>(self.windows, self.output, Activation::Relu6);
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.conv.apply(simd, self.windows, self.output, Activation::Relu6);
     }
 }
 
 /// The normalised windows of output row `y`, `[output column][row, column, channel]`.
-fn gather(
-    image: &Grid<[f32; 3]>,
-    y: usize,
-    padded_width: usize,
-    padded_height: usize,
-    windows: &mut [f32],
-) {
+fn gather(image: &Grid<[f32; 3]>, y: usize, padded_width: usize, padded_height: usize, windows: &mut [f32]) {
     for dy in 0..3 {
         let source_y = 2 * y + dy;
         let row = (source_y < padded_height).then(|| image.row(source_y.min(image.height() - 1)));

@@ -59,35 +59,16 @@ impl Trunk {
             let name = |layer: &str| format!("_blocks.{i}.{layer}");
             let wide = num_inputs * expansion;
             let expand = if expansion > 1 {
-                let (w, b) = folded(
-                    file,
-                    &name("_expand_conv"),
-                    &name("_bn0"),
-                    [wide, num_inputs, 1, 1],
-                )?;
+                let (w, b) = folded(file, &name("_expand_conv"), &name("_bn0"), [wide, num_inputs, 1, 1])?;
                 Some(Pointwise::new(&w, &b, num_inputs))
             } else {
                 None
             };
-            let (w, b) = folded(
-                file,
-                &name("_depthwise_conv"),
-                &name("_bn1"),
-                [wide, 1, kernel, kernel],
-            )?;
+            let (w, b) = folded(file, &name("_depthwise_conv"), &name("_bn1"), [wide, 1, kernel, kernel])?;
             let depthwise = Depthwise::new(&w, b, kernel, stride);
-            let (w, b) = folded(
-                file,
-                &name("_project_conv"),
-                &name("_bn2"),
-                [num_outputs, wide, 1, 1],
-            )?;
+            let (w, b) = folded(file, &name("_project_conv"), &name("_bn2"), [num_outputs, wide, 1, 1])?;
             let project = Pointwise::new(&w, &b, wide);
-            blocks.push(Block {
-                expand,
-                depthwise,
-                project,
-            });
+            blocks.push(Block { expand, depthwise, project });
             num_inputs = num_outputs;
         }
         Ok(Self { stem, blocks })
@@ -116,15 +97,11 @@ impl Trunk {
                 .collect();
         }
         let padded = |n: usize| n.next_multiple_of(PADDED_TO);
-        let mut map = self
-            .stem
-            .run(image, padded(image.width()), padded(image.height()));
+        let mut map = self.stem.run(image, padded(image.width()), padded(image.height()));
         let mut found = Vec::new();
         for (i, block) in self.blocks[..=last].iter().enumerate() {
             map = block.run(&map);
-            let stage = [Stage::S4, Stage::S8, Stage::S16]
-                .into_iter()
-                .find(|&s| last_block(s) == i);
+            let stage = [Stage::S4, Stage::S8, Stage::S16].into_iter().find(|&s| last_block(s) == i);
             if let Some(stage) = stage.filter(|s| stages.contains(s)) {
                 found.push((stage, map.clone()));
             }
@@ -134,21 +111,13 @@ impl Trunk {
 }
 
 /// Weights and bias of a convolution followed by BatchNorm.
-fn folded(
-    file: &TensorFile,
-    conv: &str,
-    norm: &str,
-    shape: [usize; 4],
-) -> Result<(Vec<f32>, Vec<f32>), WeightsError> {
+fn folded(file: &TensorFile, conv: &str, norm: &str, shape: [usize; 4]) -> Result<(Vec<f32>, Vec<f32>), WeightsError> {
     let mut weights = file.values(&format!("{conv}.weight"), &shape)?;
     let norm_values = |part: &str| file.values(&format!("{norm}.{part}"), &shape[..1]);
     let (gain, offset) = (norm_values("weight")?, norm_values("bias")?);
     let (mean, variance) = (norm_values("running_mean")?, norm_values("running_var")?);
     let mut bias = Vec::with_capacity(shape[0]);
-    for (n, filter) in weights
-        .chunks_exact_mut(shape[1] * shape[2] * shape[3])
-        .enumerate()
-    {
+    for (n, filter) in weights.chunks_exact_mut(shape[1] * shape[2] * shape[3]).enumerate() {
         let scale = gain[n] / (variance[n].max(0.0) + BATCH_NORM_EPSILON).sqrt();
         filter.iter_mut().for_each(|w| *w *= scale);
         bias.push(offset[n] - mean[n] * scale);

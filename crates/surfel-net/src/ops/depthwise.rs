@@ -3,12 +3,12 @@
 //! Invariant: the caller has padded the rows, so that no tap needs a test.
 
 use super::pointwise::Activation;
-use super::simd::multiply_add;
+use pulp::Simd;
 
-/// Channels summed together in registers; every trunk width is a multiple of it.
-const LANES: usize = 16;
+/// The number of channels is a multiple of this, and this of every machine's vector length.
+const GROUP: usize = 16;
 
-/// One filter per channel.
+/// One filter per channel, followed by ReLU6.
 #[derive(Clone, Debug)]
 pub(crate) struct Depthwise {
     pub(crate) channels: usize,
@@ -23,49 +23,34 @@ impl Depthwise {
     /// From weights `[channels, 1, kernel, kernel]` row-major.
     pub(crate) fn new(weights: &[f32], bias: Vec<f32>, kernel: usize, stride: usize) -> Self {
         let channels = bias.len();
-        assert!(channels % LANES == 0 && weights.len() == channels * kernel * kernel);
+        assert!(channels.is_multiple_of(GROUP) && weights.len() == channels * kernel * kernel);
         let area = kernel * kernel;
-        let taps = (0..area * channels)
-            .map(|i| weights[i % channels * area + i / channels])
-            .collect();
-        Self {
-            channels,
-            kernel,
-            stride,
-            taps,
-            bias,
-        }
+        let taps = (0..area * channels).map(|i| weights[i % channels * area + i / channels]).collect();
+        Self { channels, kernel, stride, taps, bias }
     }
 
-    /// One output row from the `kernel` padded input rows it covers, top first, ReLU6 applied.
+    /// One output row from the `kernel` padded input rows it covers, top first.
     #[inline(always)]
-    pub(crate) fn row<const FUSED: bool>(&self, rows: &[&[f32]], output: &mut [f32]) {
+    pub(crate) fn row<S: Simd>(&self, simd: S, rows: &[&[f32]], output: &mut [f32]) {
+        let num_vectors = self.channels / S::F32_LANES;
+        let (taps, bias) = (S::as_simd_f32s(&self.taps).0, S::as_simd_f32s(&self.bias).0);
         for (x, pixel) in output.chunks_exact_mut(self.channels).enumerate() {
             let first = x * self.stride * self.channels;
-            for c in (0..self.channels).step_by(LANES) {
-                let mut sums: [f32; LANES] =
-                    self.bias[c..][..LANES].try_into().expect("whole lanes");
-                for (dy, row) in rows.iter().enumerate() {
+            let pixel = S::as_mut_simd_f32s(pixel).0;
+            pixel.copy_from_slice(bias);
+            for (dy, row) in rows.iter().enumerate() {
+                let values = S::as_simd_f32s(&row[first..][..self.kernel * self.channels]).0;
+                let taps = &taps[dy * self.kernel * num_vectors..][..self.kernel * num_vectors];
+                for (v, sum) in pixel.iter_mut().enumerate() {
                     for dx in 0..self.kernel {
-                        let values = &row[first + dx * self.channels + c..][..LANES];
-                        let taps =
-                            &self.taps[(dy * self.kernel + dx) * self.channels + c..][..LANES];
-                        for j in 0..LANES {
-                            sums[j] = multiply_add::<FUSED>(values[j], taps[j], sums[j]);
-                        }
+                        let i = dx * num_vectors + v;
+                        *sum = simd.mul_add_e_f32s(values[i], taps[i], *sum);
                     }
                 }
-                for (out, sum) in pixel[c..][..LANES].iter_mut().zip(sums) {
-                    *out = Activation::Relu6.apply(sum);
-                }
+            }
+            for sum in pixel {
+                *sum = Activation::Relu6.apply(simd, *sum);
             }
         }
     }
-}
-
-#[inline(always)]
-fn lanes(values: &[f32], start: usize) -> &[f32; LANES] {
-    values[start..]
-        .first_chunk()
-        .expect("every width is a multiple of the lanes")
 }

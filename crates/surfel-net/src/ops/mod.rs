@@ -1,7 +1,7 @@
 //! Numeric kernels on plain slices.
 //!
-//! Invariant: results do not depend on the number of threads.
+//! Written over `pulp::Simd`, which picks the vector instructions of the machine at run time without
+//! unsafe code. Invariant: results do not depend on the number of threads.
 
 pub(crate) mod depthwise;
 pub(crate) mod pointwise;
-pub(crate) mod simd;

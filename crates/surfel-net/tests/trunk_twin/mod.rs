@@ -13,12 +13,7 @@ pub struct Planar {
 
 impl Planar {
     fn filled(channels: usize, width: usize, height: usize) -> Self {
-        Self {
-            channels,
-            width,
-            height,
-            data: vec![0.0; channels * width * height],
-        }
+        Self { channels, width, height, data: vec![0.0; channels * width * height] }
     }
 
     pub fn at(&self, c: usize, y: usize, x: usize) -> f64 {
@@ -31,31 +26,16 @@ struct Weights<'a>(SafeTensors<'a>);
 impl Weights<'_> {
     fn get(&self, name: &str) -> Option<(Vec<usize>, Vec<f64>)> {
         let view = self.0.tensor(name).ok()?;
-        let values = view
-            .data()
-            .chunks_exact(2)
-            .map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f64());
+        let values = view.data().chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f64());
         Some((view.shape().to_vec(), values.collect()))
     }
 }
 
 /// Convolution, BatchNorm and perhaps ReLU6; `None` when the file has no such layer.
-fn layer(
-    w: &Weights,
-    conv: &str,
-    norm: &str,
-    x: &Planar,
-    stride: usize,
-    relu6: bool,
-) -> Option<Planar> {
+fn layer(w: &Weights, conv: &str, norm: &str, x: &Planar, stride: usize, relu6: bool) -> Option<Planar> {
     let (shape, filter) = w.get(&format!("{conv}.weight"))?;
     let norm = |part: &str| w.get(&format!("{norm}.{part}")).unwrap().1;
-    let (gain, offset, mean, var) = (
-        norm("weight"),
-        norm("bias"),
-        norm("running_mean"),
-        norm("running_var"),
-    );
+    let (gain, offset, mean, var) = (norm("weight"), norm("bias"), norm("running_mean"), norm("running_var"));
     let (outputs, per_group, k) = (shape[0], shape[1], shape[2]);
     let (width, height) = (x.width.div_ceil(stride), x.height.div_ceil(stride));
     let before = |n: usize, out: usize| (((out - 1) * stride + k).saturating_sub(n) / 2) as isize;
@@ -71,11 +51,7 @@ fn layer(
                         for kx in 0..k {
                             let iy = (oy * stride + ky) as isize - top;
                             let ix = (ox * stride + kx) as isize - left;
-                            if iy >= 0
-                                && ix >= 0
-                                && (iy as usize) < x.height
-                                && (ix as usize) < x.width
-                            {
+                            if iy >= 0 && ix >= 0 && (iy as usize) < x.height && (ix as usize) < x.width {
                                 sum += filter[((o * per_group + i) * k + ky) * k + kx]
                                     * x.at(channel, iy as usize, ix as usize);
                             }
@@ -83,8 +59,7 @@ fn layer(
                     }
                 }
                 let value = (sum - mean[o]) / (var[o] + 1e-3).sqrt() * gain[o] + offset[o];
-                y.data[(o * height + oy) * width + ox] =
-                    if relu6 { value.clamp(0.0, 6.0) } else { value };
+                y.data[(o * height + oy) * width + ox] = if relu6 { value.clamp(0.0, 6.0) } else { value };
             }
         }
     }
@@ -94,10 +69,7 @@ fn layer(
 /// The maps by stride, of the image padded to a multiple of 16 by repeating its border.
 pub fn run(weights: &[u8], image: &Grid<[f32; 3]>) -> HashMap<usize, Planar> {
     let w = Weights(SafeTensors::deserialize(weights).unwrap());
-    let (width, height) = (
-        image.width().next_multiple_of(16),
-        image.height().next_multiple_of(16),
-    );
+    let (width, height) = (image.width().next_multiple_of(16), image.height().next_multiple_of(16));
     let mut x = Planar::filled(3, width, height);
     let (mean, std) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
     for c in 0..3 {
@@ -114,15 +86,7 @@ pub fn run(weights: &[u8], image: &Grid<[f32; 3]>) -> HashMap<usize, Planar> {
         let stride = if [1, 3, 5].contains(&i) { 2 } else { 1 };
         let name = |l: &str| format!("_blocks.{i}.{l}");
         let wide = layer(&w, &name("_expand_conv"), &name("_bn0"), &x, 1, true);
-        let y = layer(
-            &w,
-            &name("_depthwise_conv"),
-            &name("_bn1"),
-            wide.as_ref().unwrap_or(&x),
-            stride,
-            true,
-        )
-        .unwrap();
+        let y = layer(&w, &name("_depthwise_conv"), &name("_bn1"), wide.as_ref().unwrap_or(&x), stride, true).unwrap();
         let mut y = layer(&w, &name("_project_conv"), &name("_bn2"), &y, 1, false).unwrap();
         if stride == 1 && y.channels == x.channels {
             y.data.iter_mut().zip(&x.data).for_each(|(y, x)| *y += x);
@@ -135,10 +99,7 @@ pub fn run(weights: &[u8], image: &Grid<[f32; 3]>) -> HashMap<usize, Planar> {
         };
         x = y;
         if let Some(stride) = keep {
-            let copy = Planar {
-                data: x.data.clone(),
-                ..x
-            };
+            let copy = Planar { data: x.data.clone(), ..x };
             maps.insert(stride, copy);
         }
     }
