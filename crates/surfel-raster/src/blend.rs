@@ -243,30 +243,47 @@ pub(crate) fn evaluate_row(splat: &Splat, first_column: usize, row: usize, confi
 
 #[inline(always)]
 fn blend_row(row: &mut Row, splat: &Splat, sight: &Sight, end: u32, reference: f32, config: &BlendConfig) {
+    let mut after = [0.0; TILE];
+    let mut blended = [0u32; TILE];
+    let mut is_median = [0u32; TILE];
+    // Masks are whole integers and every update has a loop of its own: with `bool`s in one loop the compiler
+    // branches per lane instead of vectorising.
     for lane in 0..TILE {
-        let (alpha, z) = (sight.alpha[lane], sight.z[lane]);
-        let before = row.transmittance[lane];
-        let after = before * (1.0 - alpha);
-        let offered = (alpha > 0.0) & (row.done[lane] == 0);
-        let saturated = offered & (after < MIN_TRANSMITTANCE as f32);
-        let blended = offered & !saturated;
-        let w = if blended { alpha * before } else { 0.0 };
+        after[lane] = row.transmittance[lane] * (1.0 - sight.alpha[lane]);
+        let offered = u32::from(sight.alpha[lane] > 0.0) & (row.done[lane] ^ 1);
+        let saturated = offered & u32::from(after[lane] < MIN_TRANSMITTANCE as f32);
+        blended[lane] = offered ^ saturated;
+        is_median[lane] = blended[lane] & u32::from(row.transmittance[lane] > 0.5);
+        row.done[lane] |= saturated;
+    }
+    let mut weight = [0.0; TILE];
+    let mut opaque = [0.0; TILE];
+    for lane in 0..TILE {
+        opaque[lane] = 1.0 - row.transmittance[lane];
+        weight[lane] = sight.alpha[lane] * row.transmittance[lane] * blended[lane] as f32;
+    }
+    for lane in 0..TILE {
+        row.transmittance[lane] = if blended[lane] == 1 { after[lane] } else { row.transmittance[lane] };
+        row.end[lane] = if blended[lane] == 1 { end } else { row.end[lane] };
+        row.num_blended[lane] += blended[lane];
+    }
+    for lane in 0..TILE {
+        row.median[lane] = if is_median[lane] == 1 { sight.z[lane] } else { row.median[lane] };
+        row.median_end[lane] = if is_median[lane] == 1 { end } else { row.median_end[lane] };
+    }
+    for lane in 0..TILE {
+        let w = weight[lane];
         let m = config.distortion_factor * (reference - sight.inverse_z[lane]);
-        let (wm, opaque) = (w * m, 1.0 - before);
-        row.distortion[lane] += w * (m * m * opaque + row.m2[lane] - 2.0 * m * row.m1[lane]);
+        let wm = w * m;
+        row.distortion[lane] += w * (m * m * opaque[lane] + row.m2[lane] - 2.0 * m * row.m1[lane]);
         row.m1[lane] += wm;
         row.m2[lane] += wm * m;
-        for channel in 0..3 {
-            row.colour[channel][lane] += w * splat.colour[channel];
-            row.normal[channel][lane] += w * splat.normal[channel];
+        row.depth[lane] += w * sight.z[lane];
+    }
+    for channel in 0..3 {
+        for lane in 0..TILE {
+            row.colour[channel][lane] += weight[lane] * splat.colour[channel];
+            row.normal[channel][lane] += weight[lane] * splat.normal[channel];
         }
-        row.depth[lane] += w * z;
-        let is_median = blended & (before > 0.5);
-        row.median[lane] = if is_median { z } else { row.median[lane] };
-        row.median_end[lane] = if is_median { end } else { row.median_end[lane] };
-        row.end[lane] = if blended { end } else { row.end[lane] };
-        row.num_blended[lane] += u32::from(blended);
-        row.transmittance[lane] = if blended { after } else { before };
-        row.done[lane] |= u32::from(saturated);
     }
 }
