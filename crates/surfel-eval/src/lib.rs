@@ -7,6 +7,8 @@ pub mod chamfer;
 pub mod cull;
 pub mod depth_map;
 pub mod depth_metrics;
+pub mod dtu;
+pub mod dtu_reference;
 pub mod first_hit;
 pub mod keep_faces;
 pub mod mat;
