@@ -1,0 +1,1 @@
+//! Every parser is fed random and mutated bytes: whatever comes, it returns.

@@ -1,0 +1,3 @@
+//! Scenes in, views out: what opening a folder and loading a photograph must do.
+
+mod real_scenes;
