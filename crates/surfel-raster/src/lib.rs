@@ -18,13 +18,18 @@ pub mod sh_colour;
 pub mod slices;
 pub mod twin;
 
+mod backward;
 mod blend;
+mod blend_backward;
 mod exp;
 mod forward;
+mod geometry_backward;
 mod project;
 mod splat;
 mod tile;
+mod twin_backward;
 
+pub use backward::backward;
 pub use config::{BoundingBox, RenderConfig};
 pub use error::RasterError;
 pub use ray_splat::{Footprint, Hit, SplatTransform};

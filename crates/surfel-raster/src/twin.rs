@@ -10,6 +10,7 @@ use crate::project::{Projected, project};
 use crate::ray_splat::Hit;
 use crate::sh_colour;
 use crate::slices::SurfelShape;
+pub use crate::twin_backward::backward;
 use crate::{RasterError, RenderConfig, SurfelSlices};
 use surfel_core::{Camera, Grid};
 

@@ -1,9 +1,9 @@
 //! The rasterizer and its twin against numbers computed by an independent implementation.
 
 use serde::Deserialize;
-use surfel_core::{Camera, Intrinsics, Rigid, Surfels};
+use surfel_core::{Camera, Grid, Intrinsics, Rigid, Surfels};
 use surfel_raster::twin::{self, TwinSurfels};
-use surfel_raster::{RenderConfig, SurfelSlices, render};
+use surfel_raster::{MapGrads, RenderConfig, SurfelSlices, backward, forward, render};
 
 #[derive(Deserialize)]
 struct Golden {
@@ -25,6 +25,33 @@ struct Golden {
     opacities: Vec<f32>,
     sh: Vec<Vec<[f32; 3]>>,
     out: GoldenMaps,
+    loss_weights: Vec<PixelWeights>,
+    grad: GoldenGrads,
+}
+
+#[derive(Deserialize)]
+struct PixelWeights {
+    #[serde(rename = "C")]
+    colour: [f32; 3],
+    #[serde(rename = "D")]
+    depth_sum: f32,
+    #[serde(rename = "N")]
+    normal: [f32; 3],
+    #[serde(rename = "dist")]
+    distortion: f32,
+    #[serde(rename = "A")]
+    alpha: f32,
+    #[serde(rename = "med")]
+    median: f32,
+}
+
+#[derive(Deserialize)]
+struct GoldenGrads {
+    means: Vec<[f64; 3]>,
+    scales: Vec<[f64; 2]>,
+    quats: Vec<[f64; 4]>,
+    opacities: Vec<f64>,
+    sh: Vec<Vec<[f64; 3]>>,
 }
 
 #[derive(Deserialize)]
@@ -64,6 +91,21 @@ impl Golden {
         }
     }
 
+    fn map_grads(&self) -> MapGrads {
+        fn grid<T>(golden: &Golden, value: impl Fn(&PixelWeights) -> T) -> Option<Grid<T>> {
+            Some(Grid::from_vec(golden.width, golden.height, golden.loss_weights.iter().map(value).collect()))
+        }
+        MapGrads {
+            colour: grid(self, |w| w.colour),
+            alpha: grid(self, |w| w.alpha),
+            depth_sum: grid(self, |w| w.depth_sum),
+            depth_expected: None,
+            depth_median: grid(self, |w| w.median),
+            normal: grid(self, |w| w.normal),
+            distortion: grid(self, |w| w.distortion),
+        }
+    }
+
     fn config(&self) -> RenderConfig {
         RenderConfig { background: self.background, ..RenderConfig::default() }
     }
@@ -95,4 +137,39 @@ fn forward_matches() {
         check("distortion", maps.distortion.as_slice()[pixel], t.distortion, expected.distortion[pixel]);
     }
     eprintln!("largest difference of a fast map value: {worst:.2e}");
+}
+
+#[test]
+fn gradients_match() {
+    let golden = Golden::load();
+    let surfels = golden.surfels();
+    let slices = SurfelSlices::from(&surfels);
+    let (_, tape) = forward(&slices, &golden.camera(), &golden.config()).expect("a sound scene");
+    let fast = backward(&slices, &tape, &golden.map_grads()).expect("a sound scene");
+    let twin = twin::backward(&TwinSurfels::from(&slices), &golden.camera(), &golden.config(), &golden.map_grads())
+        .expect("a sound scene");
+    let expected = &golden.grad;
+    let mut worst = 0.0f64;
+    // Relative to the surfel's largest gradient of the same kind: a component may pass through zero.
+    let mut check = |name: &str, surfel: usize, fast: &[f32], slow: &[f64], expected: &[f64]| {
+        let largest = expected.iter().fold(0.0f64, |m, g| m.max(g.abs()));
+        for i in 0..expected.len() {
+            let error = (f64::from(fast[i]) - expected[i]).abs() / largest;
+            worst = worst.max(error);
+            assert!(error < 1e-3, "{name} of {surfel}: {} expected {}", fast[i], expected[i]);
+            let error = (slow[i] - expected[i]).abs() / largest;
+            assert!(error < 1e-4, "twin's {name} of {surfel}: {} expected {}", slow[i], expected[i]);
+        }
+    };
+    for k in 0..surfels.len() {
+        let shape = &twin.shapes[k];
+        check("centre", k, &fast.centres[k], &shape.centre.to_array(), &expected.means[k]);
+        check("scales", k, &fast.scales[k], &shape.scales.to_array(), &expected.scales[k]);
+        check("rotation", k, &fast.rotations[k], &shape.rotation, &expected.quats[k]);
+        check("opacity", k, &[fast.opacities[k]], &[shape.opacity], &[expected.opacities[k]]);
+        let n = surfels.num_coefficients();
+        let fast_sh = fast.sh[k * n..][..n].as_flattened();
+        check("sh", k, fast_sh, twin.sh[k].as_flattened(), expected.sh[k].as_flattened());
+    }
+    eprintln!("largest relative difference of a fast gradient: {worst:.2e}");
 }
