@@ -13,16 +13,9 @@ pub fn contact_sheet(tiles: &[Grid<[f32; 3]>], columns: usize) -> Grid<[f32; 3]>
     let cell_width = tiles.iter().map(Grid::width).max().unwrap_or(0) + GAP;
     let cell_height = tiles.iter().map(Grid::height).max().unwrap_or(0) + GAP;
     let rows = tiles.len().div_ceil(columns);
-    let mut sheet = Grid::filled(
-        columns * cell_width + GAP,
-        rows * cell_height + GAP,
-        [1.0; 3],
-    );
+    let mut sheet = Grid::filled(columns * cell_width + GAP, rows * cell_height + GAP, [1.0; 3]);
     for (i, tile) in tiles.iter().enumerate() {
-        let (x0, y0) = (
-            GAP + i % columns * cell_width,
-            GAP + i / columns * cell_height,
-        );
+        let (x0, y0) = (GAP + i % columns * cell_width, GAP + i / columns * cell_height);
         for y in 0..tile.height() {
             for x in 0..tile.width() {
                 sheet[(x0 + x, y0 + y)] = tile[(x, y)];
@@ -62,9 +55,7 @@ mod tests {
 
     #[test]
     fn tiles_keep_their_pixels() {
-        let tiles: Vec<_> = (0..3)
-            .map(|i| Grid::filled(5, 4, [i as f32 / 4.0; 3]))
-            .collect();
+        let tiles: Vec<_> = (0..3).map(|i| Grid::filled(5, 4, [i as f32 / 4.0; 3])).collect();
         let sheet = contact_sheet(&tiles, 2);
         assert_eq!((sheet.width(), sheet.height()), (2 * 9 + 4, 2 * 8 + 4));
         assert_eq!(sheet[(4 + 9, 4)], [0.25; 3]);

@@ -11,6 +11,8 @@
 //! assert!(views[0].depth[(x, y)] > 0.0);
 //! ```
 
+#[cfg(feature = "assets")]
+pub mod assets;
 pub mod contact_sheet;
 pub mod noise;
 pub mod options;
@@ -25,6 +27,8 @@ pub mod texture;
 pub mod truth;
 pub mod warp;
 
+#[cfg(feature = "assets")]
+pub use assets::{AssetError, AssetLibrary, SceneSampler, Split, SynthConfig, SynthScene};
 pub use contact_sheet::contact_sheet;
 pub use options::{SceneKind, SceneOptions};
 pub use random::Random;

@@ -51,11 +51,7 @@ mod tests {
     fn noise_is_continuous_across_cells_and_spans_its_range() {
         let (mut low, mut high) = (1.0f64, 0.0f64);
         for i in 0..4000 {
-            let p = DVec3::new(
-                0.013 * f64::from(i),
-                0.007 * f64::from(i),
-                3.0 - 0.011 * f64::from(i),
-            );
+            let p = DVec3::new(0.013 * f64::from(i), 0.007 * f64::from(i), 3.0 - 0.011 * f64::from(i));
             let here = fractal_noise(5, p, 5, 0.6);
             let there = fractal_noise(5, p + DVec3::splat(1e-6), 5, 0.6);
             assert!((here - there).abs() < 1e-3, "{here} {there} at {p}");

@@ -96,28 +96,14 @@ impl SceneOptions {
         let r = self.object_radius;
         let mut objects = self.middle(&mut random);
         if self.ground && !matches!(self.kind, SceneKind::HeightField | SceneKind::Plane) {
-            let lowest = if self.kind == SceneKind::Sphere {
-                -r
-            } else {
-                -0.55 * r
-            };
-            let ground = Shape::Plane {
-                half: DVec2::splat(12.0 * r),
-            };
+            let lowest = if self.kind == SceneKind::Sphere { -r } else { -0.55 * r };
+            let ground = Shape::Plane { half: DVec2::splat(12.0 * r) };
             let texture = self.paint(&mut random);
             objects.push(Object::at(DVec3::Z * lowest, ground, texture).surroundings());
         }
-        let key_direction =
-            DVec3::new(random.range(-0.7, 0.7), -0.6, random.range(0.5, 1.0)).normalize();
-        let lighting = Lighting {
-            key_direction,
-            ..Lighting::default()
-        };
-        Scene {
-            objects,
-            lighting,
-            backdrop: [0.08, 0.08, 0.1],
-        }
+        let key_direction = DVec3::new(random.range(-0.7, 0.7), -0.6, random.range(0.5, 1.0)).normalize();
+        let lighting = Lighting { key_direction, ..Lighting::default() };
+        Scene { objects, lighting, backdrop: [0.08, 0.08, 0.1] }
     }
 
     /// Photographs the scene from all cameras; views are named "0", "1", ...
@@ -125,11 +111,7 @@ impl SceneOptions {
         let scene = self.scene();
         let photograph = |(i, camera): (usize, &Camera)| {
             let noise_seed = self.seed.wrapping_mul(1009).wrapping_add(i as u64);
-            let options = RenderOptions {
-                supersampling: self.supersampling,
-                noise: self.noise,
-                noise_seed,
-            };
+            let options = RenderOptions { supersampling: self.supersampling, noise: self.noise, noise_seed };
             scene.render(camera, i.to_string(), &options)
         };
         self.cameras().iter().enumerate().map(photograph).collect()
@@ -141,15 +123,9 @@ impl SceneOptions {
         let rig = self.rig();
         let pixel = rig.distance / (rig.focal_per_width * self.width as f64);
         let octaves = (size / (2.0 * pixel)).log2().floor().clamp(0.0, 12.0) as u32 + 1;
-        let mut colour =
-            |low: f64, high: f64| std::array::from_fn(|_| random.range(low, high) as f32);
+        let mut colour = |low: f64, high: f64| std::array::from_fn(|_| random.range(low, high) as f32);
         let colours = [colour(0.15, 0.5), colour(0.5, 0.95)];
-        Texture::Noise {
-            seed: random.bits(),
-            size,
-            octaves,
-            colours,
-        }
+        Texture::Noise { seed: random.bits(), size, octaves, colours }
     }
 
     fn middle(&self, random: &mut Random) -> Vec<Object> {
@@ -159,45 +135,18 @@ impl SceneOptions {
             ..Object::at(DVec3::ZERO, shape, self.paint(random))
         };
         match self.kind {
-            SceneKind::Sphere => vec![place(
-                DVec3::ZERO,
-                DQuat::IDENTITY,
-                Shape::Sphere { radius: r },
-                random,
-            )],
+            SceneKind::Sphere => vec![place(DVec3::ZERO, DQuat::IDENTITY, Shape::Sphere { radius: r }, random)],
             SceneKind::Torus => {
                 let turn = DQuat::from_rotation_x(0.4);
-                vec![place(
-                    DVec3::Z * 0.05,
-                    turn,
-                    Shape::torus(0.7 * r, 0.28 * r),
-                    random,
-                )]
+                vec![place(DVec3::Z * 0.05, turn, Shape::torus(0.7 * r, 0.28 * r), random)]
             }
             SceneKind::Boxes => {
                 let turn = |z: f64, x: f64| DQuat::from_rotation_z(z) * DQuat::from_rotation_x(x);
-                let cuboid = |x: f64, y: f64, z: f64| Shape::Box {
-                    half: DVec3::new(x, y, z) * r,
-                };
+                let cuboid = |x: f64, y: f64, z: f64| Shape::Box { half: DVec3::new(x, y, z) * r };
                 vec![
-                    place(
-                        DVec3::new(-0.35, 0.1, -0.15),
-                        turn(0.5, 0.0),
-                        cuboid(0.3, 0.25, 0.4),
-                        random,
-                    ),
-                    place(
-                        DVec3::new(0.4, -0.1, -0.3),
-                        turn(-0.3, 0.0),
-                        cuboid(0.25, 0.25, 0.25),
-                        random,
-                    ),
-                    place(
-                        DVec3::new(0.1, 0.35, 0.0),
-                        turn(0.2, 0.5),
-                        cuboid(0.5, 0.12, 0.4),
-                        random,
-                    ),
+                    place(DVec3::new(-0.35, 0.1, -0.15), turn(0.5, 0.0), cuboid(0.3, 0.25, 0.4), random),
+                    place(DVec3::new(0.4, -0.1, -0.3), turn(-0.3, 0.0), cuboid(0.25, 0.25, 0.25), random),
+                    place(DVec3::new(0.1, 0.35, 0.0), turn(0.2, 0.5), cuboid(0.5, 0.12, 0.4), random),
                 ]
             }
             SceneKind::HeightField => {
@@ -206,43 +155,21 @@ impl SceneOptions {
                     frequency: DVec2::from_angle(random.range(0.0, 6.28)) * (radians / r),
                     phase: random.range(0.0, 6.28),
                 };
-                let waves =
-                    [(0.12, 2.5), (0.07, 4.5), (0.03, 9.0)].map(|(a, k)| wave(a, k, random));
-                let field = Shape::HeightField {
-                    half: DVec2::splat(1.3 * r),
-                    waves: Waves(waves.to_vec()),
-                };
+                let waves = [(0.12, 2.5), (0.07, 4.5), (0.03, 9.0)].map(|(a, k)| wave(a, k, random));
+                let field = Shape::HeightField { half: DVec2::splat(1.3 * r), waves: Waves(waves.to_vec()) };
                 vec![place(DVec3::ZERO, DQuat::IDENTITY, field, random)]
             }
             SceneKind::Plane => {
                 // The cameras look down by the rig's elevation; 25 degrees more than square to them.
-                let turn =
-                    DQuat::from_rotation_x((90.0 - self.rig().elevation_deg - 25.0).to_radians());
-                vec![place(
-                    DVec3::ZERO,
-                    turn,
-                    Shape::Plane {
-                        half: DVec2::splat(3.0 * r),
-                    },
-                    random,
-                )]
+                let turn = DQuat::from_rotation_x((90.0 - self.rig().elevation_deg - 25.0).to_radians());
+                vec![place(DVec3::ZERO, turn, Shape::Plane { half: DVec2::splat(3.0 * r) }, random)]
             }
             SceneKind::StillLife => {
                 let parts = vec![
-                    Sdf::Sphere {
-                        centre: DVec3::new(-0.25, 0.0, -0.1) * r,
-                        radius: 0.45 * r,
-                    },
-                    Sdf::Torus {
-                        centre: DVec3::new(0.3, -0.1, -0.42) * r,
-                        major: 0.35 * r,
-                        minor: 0.13 * r,
-                    },
+                    Sdf::Sphere { centre: DVec3::new(-0.25, 0.0, -0.1) * r, radius: 0.45 * r },
+                    Sdf::Torus { centre: DVec3::new(0.3, -0.1, -0.42) * r, major: 0.35 * r, minor: 0.13 * r },
                     Sdf::Capsule {
-                        ends: [
-                            DVec3::new(0.1, 0.2, -0.4) * r,
-                            DVec3::new(0.5, 0.35, 0.5) * r,
-                        ],
+                        ends: [DVec3::new(0.1, 0.2, -0.4) * r, DVec3::new(0.5, 0.35, 0.5) * r],
                         radius: 0.14 * r,
                     },
                     Sdf::RoundedBox {
@@ -251,16 +178,8 @@ impl SceneOptions {
                         rounding: 0.04 * r,
                     },
                 ];
-                let figure = Shape::Solid(Sdf::Union {
-                    parts,
-                    blend: 0.12 * r,
-                });
-                vec![place(
-                    DVec3::ZERO,
-                    DQuat::from_rotation_z(random.range(-0.4, 0.4)),
-                    figure,
-                    random,
-                )]
+                let figure = Shape::Solid(Sdf::Union { parts, blend: 0.12 * r });
+                vec![place(DVec3::ZERO, DQuat::from_rotation_z(random.range(-0.4, 0.4)), figure, random)]
             }
         }
     }

@@ -81,23 +81,14 @@ mod tests {
     fn the_generator_is_splitmix64() {
         let mut random = Random { state: 0 };
         let first: Vec<u64> = (0..3).map(|_| random.bits()).collect();
-        assert_eq!(
-            first,
-            [
-                0xe220_a839_7b1d_cdaf,
-                0x6e78_9e6a_a1b9_65f4,
-                0x06c4_5d18_8009_454f
-            ]
-        );
+        assert_eq!(first, [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4, 0x06c4_5d18_8009_454f]);
     }
 
     #[test]
     fn normal_numbers_have_mean_0_and_variance_1() {
         let mut random = Random::new(7);
         let n = 20_000;
-        let (sum, sum_sq) = (0..n)
-            .map(|_| random.normal())
-            .fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
+        let (sum, sum_sq) = (0..n).map(|_| random.normal()).fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
         assert!((sum / n as f64).abs() < 0.03 && (sum_sq / n as f64 - 1.0).abs() < 0.05);
     }
 }

@@ -50,21 +50,14 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self {
-            supersampling: 3,
-            noise: 0.0,
-            noise_seed: 0,
-        }
+        Self { supersampling: 3, noise: 0.0, noise_seed: 0 }
     }
 }
 
 /// The world ray of a continuous pixel; its parameter is the z-depth.
 pub fn pixel_ray(camera: &Camera, pixel: DVec2) -> Ray {
     let world_from_camera = camera.camera_from_world.inverse();
-    Ray {
-        origin: world_from_camera.translation,
-        direction: world_from_camera.rotation * camera.ray(pixel),
-    }
+    Ray { origin: world_from_camera.translation, direction: world_from_camera.rotation * camera.ray(pixel) }
 }
 
 /// What one pixel records.
@@ -77,11 +70,7 @@ pub(crate) struct Pixel {
 }
 
 /// Fills a [`RenderedView`] by calling `pixel(x, y)` for all pixels, rows in parallel.
-pub(crate) fn assemble(
-    name: String,
-    camera: &Camera,
-    pixel: impl Fn(usize, usize) -> Pixel + Sync,
-) -> RenderedView {
+pub(crate) fn assemble(name: String, camera: &Camera, pixel: impl Fn(usize, usize) -> Pixel + Sync) -> RenderedView {
     let (width, height) = (camera.width, camera.height);
     let pixels: Vec<Pixel> = (0..height)
         .into_par_iter()
@@ -99,12 +88,7 @@ pub(crate) fn assemble(
 
 impl Scene {
     /// Photographs the scene.
-    pub fn render(
-        &self,
-        camera: &Camera,
-        name: impl Into<String>,
-        options: &RenderOptions,
-    ) -> RenderedView {
+    pub fn render(&self, camera: &Camera, name: impl Into<String>, options: &RenderOptions) -> RenderedView {
         let n = options.supersampling.max(1);
         assemble(name.into(), camera, |x, y| {
             let light: Vec3 = (0..n * n)
@@ -115,36 +99,16 @@ impl Scene {
                 .sum();
             let mut random = Random::fork(options.noise_seed, (y * camera.width + x) as u64);
             let colour = (light / (n * n) as f32).to_array().map(|c| {
-                let noise = if options.noise > 0.0 {
-                    options.noise * random.normal() as f32
-                } else {
-                    0.0
-                };
+                let noise = if options.noise > 0.0 { options.noise * random.normal() as f32 } else { 0.0 };
                 (srgb_from_linear(c) + noise).clamp(0.0, 1.0)
             });
             let ray = pixel_ray(camera, Camera::pixel_centre(x, y));
             match self.trace(&ray, 0.0) {
-                None => Pixel {
-                    colour,
-                    depth: 0.0,
-                    normal: [0.0; 3],
-                    object: NOTHING,
-                },
+                None => Pixel { colour, depth: 0.0, normal: [0.0; 3], object: NOTHING },
                 Some(hit) => {
-                    let facing = if hit.normal.dot(ray.direction) > 0.0 {
-                        -hit.normal
-                    } else {
-                        hit.normal
-                    };
-                    let normal = (camera.camera_from_world.rotation * facing)
-                        .as_vec3()
-                        .to_array();
-                    Pixel {
-                        colour,
-                        depth: hit.t as f32,
-                        normal,
-                        object: self.object_id(hit.object),
-                    }
+                    let facing = if hit.normal.dot(ray.direction) > 0.0 { -hit.normal } else { hit.normal };
+                    let normal = (camera.camera_from_world.rotation * facing).as_vec3().to_array();
+                    Pixel { colour, depth: hit.t as f32, normal, object: self.object_id(hit.object) }
                 }
             }
         })

@@ -10,34 +10,17 @@ use surfel_core::{Camera, Intrinsics, Rigid};
 pub fn look_at(centre: DVec3, target: DVec3) -> Rigid {
     let forward = (target - centre).normalize_or(DVec3::Y);
     // Straight up or down has no upright; any horizontal direction serves as the image's top.
-    let up = if forward.z.abs() > 0.9999 {
-        DVec3::Y
-    } else {
-        DVec3::Z
-    };
+    let up = if forward.z.abs() > 0.9999 { DVec3::Y } else { DVec3::Z };
     let right = forward.cross(up).normalize();
     let down = forward.cross(right);
     let rotation = DMat3::from_cols(right, down, forward).transpose();
-    Rigid {
-        rotation,
-        translation: -(rotation * centre),
-    }
+    Rigid { rotation, translation: -(rotation * centre) }
 }
 
 /// A camera with square pixels, its principal point in the middle of the image.
 pub fn centred_camera(width: usize, height: usize, focal: f64, camera_from_world: Rigid) -> Camera {
-    let intrinsics = Intrinsics {
-        fx: focal,
-        fy: focal,
-        cx: width as f64 / 2.0,
-        cy: height as f64 / 2.0,
-    };
-    Camera {
-        intrinsics,
-        width,
-        height,
-        camera_from_world,
-    }
+    let intrinsics = Intrinsics { fx: focal, fy: focal, cx: width as f64 / 2.0, cy: height as f64 / 2.0 };
+    Camera { intrinsics, width, height, camera_from_world }
 }
 
 /// Cameras on an arc about a target, as a robot arm or a careful person takes them.
@@ -80,23 +63,13 @@ impl OrbitRig {
     /// The same rig with the pair angle at which neighbours stand `baseline` apart, scene units.
     pub fn with_baseline(self, baseline: f64) -> Self {
         let half_angle = (0.5 * baseline / self.distance).clamp(-1.0, 1.0).asin();
-        Self {
-            pair_angle_deg: 2.0 * half_angle.to_degrees(),
-            ..self
-        }
+        Self { pair_angle_deg: 2.0 * half_angle.to_degrees(), ..self }
     }
 
     /// `count` cameras from left to right, the arc centred on the rig's azimuth.
     pub fn cameras(&self, count: usize) -> Vec<Camera> {
-        let (azimuth, elevation) = (
-            self.azimuth_deg.to_radians(),
-            self.elevation_deg.to_radians(),
-        );
-        let middle = DVec3::new(
-            azimuth.cos() * elevation.cos(),
-            azimuth.sin() * elevation.cos(),
-            elevation.sin(),
-        );
+        let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
+        let middle = DVec3::new(azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin());
         let up = -look_at(middle, DVec3::ZERO).rotation.row(1);
         (0..count)
             .map(|i| {
@@ -158,16 +131,10 @@ mod tests {
             assert!((depth - 650.0).abs() < 1e-9);
             assert!((pixel - glam::DVec2::new(160.0, 128.0)).length() < 1e-9);
             let (above, _) = camera.project(DVec3::Z * 10.0).unwrap();
-            assert!(
-                above.y < 127.0 && (above.x - 160.0).abs() < 1e-9,
-                "+Z is up in the image"
-            );
+            assert!(above.y < 127.0 && (above.x - 160.0).abs() < 1e-9, "+Z is up in the image");
         }
         let seen_by_left = a.camera_from_world.transform(b.centre());
-        assert!(
-            seen_by_left.x > 0.0,
-            "the second camera stands to the right of the first"
-        );
+        assert!(seen_by_left.x > 0.0, "the second camera stands to the right of the first");
     }
 
     #[test]
@@ -183,10 +150,7 @@ mod tests {
         };
         let cameras = rig.cameras(3);
         assert!((cameras[2].centre() - DVec3::new(0.0, 0.2, 1.5)).length() < 1e-12);
-        let turned = cameras[0]
-            .forward()
-            .angle_between(cameras[1].forward())
-            .to_degrees();
+        let turned = cameras[0].forward().angle_between(cameras[1].forward()).to_degrees();
         assert!((turned - 1.0).abs() < 0.01, "{turned}");
     }
 }

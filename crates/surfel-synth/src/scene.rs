@@ -27,34 +27,19 @@ pub struct Object {
 impl Object {
     /// An object at `centre`, axes along the world's.
     pub fn at(centre: DVec3, shape: Shape, texture: Texture) -> Self {
-        let world_from_shape = Rigid {
-            translation: centre,
-            ..Rigid::IDENTITY
-        };
-        Self {
-            shape,
-            world_from_shape,
-            texture,
-            texture_space: TextureSpace::Surface,
-            is_surroundings: false,
-        }
+        let world_from_shape = Rigid { translation: centre, ..Rigid::IDENTITY };
+        Self { shape, world_from_shape, texture, texture_space: TextureSpace::Surface, is_surroundings: false }
     }
 
     /// The same object counted among the surroundings.
     pub fn surroundings(self) -> Self {
-        Self {
-            is_surroundings: true,
-            ..self
-        }
+        Self { is_surroundings: true, ..self }
     }
 
     /// The ray in the frame of the shape; parameters stay the same.
     pub fn ray_in_shape(&self, ray: &Ray) -> Ray {
         let shape_from_world = self.world_from_shape.inverse();
-        Ray {
-            origin: shape_from_world.transform(ray.origin),
-            direction: shape_from_world.rotation * ray.direction,
-        }
+        Ray { origin: shape_from_world.transform(ray.origin), direction: shape_from_world.rotation * ray.direction }
     }
 }
 
@@ -74,12 +59,7 @@ pub struct Lighting {
 impl Default for Lighting {
     fn default() -> Self {
         let key_direction = DVec3::new(-0.45, -0.55, 0.7).normalize();
-        Self {
-            ambient: 0.45,
-            key: 0.65,
-            key_direction,
-            shadows: true,
-        }
+        Self { ambient: 0.45, key: 0.65, key_direction, shadows: true }
     }
 }
 
@@ -108,18 +88,10 @@ pub struct SceneHit {
 impl Scene {
     /// First intersection with `t > t_min`.
     pub fn trace(&self, ray: &Ray, t_min: f64) -> Option<SceneHit> {
-        let hits = self
-            .objects
-            .iter()
-            .enumerate()
-            .filter_map(|(object, placed)| {
-                let hit = placed.shape.intersect(&placed.ray_in_shape(ray), t_min)?;
-                Some(SceneHit {
-                    t: hit.t,
-                    normal: placed.world_from_shape.rotation * hit.normal,
-                    object,
-                })
-            });
+        let hits = self.objects.iter().enumerate().filter_map(|(object, placed)| {
+            let hit = placed.shape.intersect(&placed.ray_in_shape(ray), t_min)?;
+            Some(SceneHit { t: hit.t, normal: placed.world_from_shape.rotation * hit.normal, object })
+        });
         hits.min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
@@ -134,18 +106,8 @@ impl Scene {
             TextureSpace::World => point,
             TextureSpace::Surface => object.world_from_shape.inverse().transform(point),
         };
-        let albedo = Vec3::from(
-            object
-                .texture
-                .colour(texture_point)
-                .to_array()
-                .map(linear_from_srgb),
-        );
-        let normal = if hit.normal.dot(ray.direction) > 0.0 {
-            -hit.normal
-        } else {
-            hit.normal
-        };
+        let albedo = Vec3::from(object.texture.colour(texture_point).to_array().map(linear_from_srgb));
+        let normal = if hit.normal.dot(ray.direction) > 0.0 { -hit.normal } else { hit.normal };
         albedo * (self.lighting.ambient + self.key_light(point, normal))
     }
 
@@ -154,34 +116,19 @@ impl Scene {
         if self.objects[index].is_surroundings {
             return SURROUNDINGS;
         }
-        let before = self.objects[..index]
-            .iter()
-            .filter(|object| !object.is_surroundings)
-            .count();
+        let before = self.objects[..index].iter().filter(|object| !object.is_surroundings).count();
         (before + 1).min(SURROUNDINGS as usize - 1) as u8
     }
 
     fn key_light(&self, point: DVec3, normal: DVec3) -> f32 {
-        let Lighting {
-            key,
-            key_direction,
-            shadows,
-            ..
-        } = self.lighting;
+        let Lighting { key, key_direction, shadows, .. } = self.lighting;
         let cosine = normal.dot(key_direction);
         if cosine <= 0.0 {
             return 0.0;
         }
         // Leaving along the normal keeps a surface from shadowing itself.
         let lift = 1e-6 * (1.0 + point.length());
-        let to_lamp = Ray {
-            origin: point + normal * lift,
-            direction: key_direction,
-        };
-        if shadows && self.trace(&to_lamp, lift).is_some() {
-            0.0
-        } else {
-            key * cosine as f32
-        }
+        let to_lamp = Ray { origin: point + normal * lift, direction: key_direction };
+        if shadows && self.trace(&to_lamp, lift).is_some() { 0.0 } else { key * cosine as f32 }
     }
 }

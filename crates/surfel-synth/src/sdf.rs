@@ -54,34 +54,21 @@ impl Sdf {
     pub fn distance(&self, p: DVec3) -> f64 {
         match self {
             Self::Sphere { centre, radius } => (p - centre).length() - radius,
-            Self::RoundedBox {
-                centre,
-                half,
-                rounding,
-            } => {
+            Self::RoundedBox { centre, half, rounding } => {
                 let q = (p - centre).abs() - (*half - DVec3::splat(*rounding));
                 q.max(DVec3::ZERO).length() + q.max_element().min(0.0) - rounding
             }
-            Self::Torus {
-                centre,
-                major,
-                minor,
-            } => {
+            Self::Torus { centre, major, minor } => {
                 let q = p - centre;
                 DVec2::new(DVec2::new(q.x, q.y).length() - major, q.z).length() - minor
             }
-            Self::Capsule {
-                ends: [a, b],
-                radius,
-            } => {
-                let along =
-                    ((p - a).dot(b - a) / (b - a).length_squared().max(1e-300)).clamp(0.0, 1.0);
+            Self::Capsule { ends: [a, b], radius } => {
+                let along = ((p - a).dot(b - a) / (b - a).length_squared().max(1e-300)).clamp(0.0, 1.0);
                 (p - (a + (b - a) * along)).length() - radius
             }
-            Self::Union { parts, blend } => parts
-                .iter()
-                .map(|part| part.distance(p))
-                .fold(f64::INFINITY, |a, b| smooth_min(a, b, *blend)),
+            Self::Union { parts, blend } => {
+                parts.iter().map(|part| part.distance(p)).fold(f64::INFINITY, |a, b| smooth_min(a, b, *blend))
+            }
         }
     }
 
@@ -97,16 +84,11 @@ impl Sdf {
         match self {
             Self::Sphere { centre, radius } => centre.length() + radius,
             Self::RoundedBox { centre, half, .. } => centre.length() + half.length(),
-            Self::Torus {
-                centre,
-                major,
-                minor,
-            } => centre.length() + major + minor,
+            Self::Torus { centre, major, minor } => centre.length() + major + minor,
             Self::Capsule { ends, radius } => ends[0].length().max(ends[1].length()) + radius,
             // A fillet swells the union by at most a quarter of its width per seam.
             Self::Union { parts, blend } => {
-                parts.iter().map(Self::radius).fold(0.0, f64::max)
-                    + 0.25 * blend * parts.len() as f64
+                parts.iter().map(Self::radius).fold(0.0, f64::max) + 0.25 * blend * parts.len() as f64
             }
         }
     }

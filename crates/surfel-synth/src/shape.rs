@@ -50,18 +50,12 @@ pub struct Wave {
 impl Waves {
     /// Height at `p`.
     pub fn height(&self, p: DVec2) -> f64 {
-        self.0
-            .iter()
-            .map(|w| w.amplitude * (w.frequency.dot(p) + w.phase).sin())
-            .sum()
+        self.0.iter().map(|w| w.amplitude * (w.frequency.dot(p) + w.phase).sin()).sum()
     }
 
     /// Derivatives of the height by x and y.
     pub fn gradient(&self, p: DVec2) -> DVec2 {
-        self.0
-            .iter()
-            .map(|w| w.frequency * (w.amplitude * (w.frequency.dot(p) + w.phase).cos()))
-            .sum()
+        self.0.iter().map(|w| w.frequency * (w.amplitude * (w.frequency.dot(p) + w.phase).cos())).sum()
     }
 
     fn height_max(&self) -> f64 {
@@ -69,10 +63,7 @@ impl Waves {
     }
 
     fn slope_max(&self) -> f64 {
-        self.0
-            .iter()
-            .map(|w| w.amplitude.abs() * w.frequency.length())
-            .sum()
+        self.0.iter().map(|w| w.amplitude.abs() * w.frequency.length()).sum()
     }
 }
 
@@ -108,11 +99,7 @@ pub enum Shape {
 impl Shape {
     /// A torus about the Z axis.
     pub fn torus(major: f64, minor: f64) -> Self {
-        Self::Solid(Sdf::Torus {
-            centre: DVec3::ZERO,
-            major,
-            minor,
-        })
+        Self::Solid(Sdf::Torus { centre: DVec3::ZERO, major, minor })
     }
 
     /// Radius about the origin that holds the whole shape.
@@ -132,28 +119,18 @@ impl Shape {
             Self::Sphere { radius } => {
                 let (enter, leave) = sphere_interval(ray, *radius)?;
                 let t = [enter, leave].into_iter().find(|&t| t > t_min)?;
-                Some(Hit {
-                    t,
-                    normal: ray.at(t) / *radius,
-                })
+                Some(Hit { t, normal: ray.at(t) / *radius })
             }
             Self::Plane { half } => {
                 let t = -ray.origin.z / ray.direction.z;
                 let p = ray.at(t);
-                let inside =
-                    t.is_finite() && t > t_min && p.x.abs() <= half.x && p.y.abs() <= half.y;
-                inside.then_some(Hit {
-                    t,
-                    normal: DVec3::Z,
-                })
+                let inside = t.is_finite() && t > t_min && p.x.abs() <= half.x && p.y.abs() <= half.y;
+                inside.then_some(Hit { t, normal: DVec3::Z })
             }
             Self::Box { half } => {
                 let (enter, leave) = box_interval(ray, *half)?;
                 let t = [enter, leave].into_iter().find(|&t| t > t_min)?;
-                Some(Hit {
-                    t,
-                    normal: box_normal(ray.at(t), *half),
-                })
+                Some(Hit { t, normal: box_normal(ray.at(t), *half) })
             }
             Self::HeightField { half, waves } => {
                 let speed = ray.direction.length();
@@ -168,20 +145,14 @@ impl Shape {
                 };
                 let t = first_root(bound, enter.max(t_min), leave, 1e-5 * self.radius() / speed)?;
                 let slope = waves.gradient(ray.at(t).truncate());
-                Some(Hit {
-                    t,
-                    normal: DVec3::new(-slope.x, -slope.y, 1.0).normalize(),
-                })
+                Some(Hit { t, normal: DVec3::new(-slope.x, -slope.y, 1.0).normalize() })
             }
             Self::Solid(sdf) => {
                 let speed = ray.direction.length();
                 let (enter, leave) = sphere_interval(ray, sdf.radius() * (1.0 + 1e-9))?;
                 let bound = |t: f64| sdf.distance(ray.at(t)) / speed;
                 let t = first_root(bound, enter.max(t_min), leave, 1e-5 * sdf.radius() / speed)?;
-                Some(Hit {
-                    t,
-                    normal: sdf.normal(ray.at(t)),
-                })
+                Some(Hit { t, normal: sdf.normal(ray.at(t)) })
             }
         }
     }

@@ -54,12 +54,7 @@ impl Texture {
                 let odd = (cell.x + cell.y + cell.z).rem_euclid(2.0) as usize;
                 Vec3::from(colours[odd.min(1)])
             }
-            Self::Noise {
-                seed,
-                size,
-                octaves,
-                colours,
-            } => {
+            Self::Noise { seed, size, octaves, colours } => {
                 let p = point / *size;
                 let hue = fractal_noise(*seed, p, *octaves, OCTAVE_GAIN) as f32;
                 let brightness = fractal_noise(seed ^ 0xb1, p * 1.37, *octaves, OCTAVE_GAIN) as f32;
@@ -72,21 +67,13 @@ impl Texture {
 
 /// Linear light of an sRGB value in \[0, 1\] (IEC 61966-2-1).
 pub fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
 /// sRGB value in \[0, 1\] of linear light, clipped like a sensor.
 pub fn srgb_from_linear(value: f32) -> f32 {
     let v = value.clamp(0.0, 1.0);
-    if v <= 0.003_130_8 {
-        v * 12.92
-    } else {
-        1.055 * v.powf(1.0 / 2.4) - 0.055
-    }
+    if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]
@@ -95,10 +82,7 @@ mod tests {
 
     #[test]
     fn checker_alternates_on_every_axis() {
-        let checker = Texture::Checker {
-            size: 2.0,
-            colours: [[0.0; 3], [1.0; 3]],
-        };
+        let checker = Texture::Checker { size: 2.0, colours: [[0.0; 3], [1.0; 3]] };
         let here = checker.colour(DVec3::splat(0.5));
         for step in [DVec3::X, DVec3::Y, DVec3::NEG_Z] {
             assert_ne!(checker.colour(DVec3::splat(0.5) + step * 2.0), here);

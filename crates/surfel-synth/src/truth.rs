@@ -49,9 +49,7 @@ impl Scene {
                 let point = object.world_from_shape.transform(ray.at(hit.t));
                 if !self.is_inside_another(index, point) {
                     samples.points.push(point);
-                    samples
-                        .normals
-                        .push(object.world_from_shape.rotation * hit.normal);
+                    samples.normals.push(object.world_from_shape.rotation * hit.normal);
                 }
             }
         }
@@ -61,11 +59,7 @@ impl Scene {
     /// The samples that at least one camera sees, unoccluded and inside its image.
     pub fn visible_samples(&self, samples: &SurfaceSamples, cameras: &[Camera]) -> SurfaceSamples {
         let seen = |p: DVec3| cameras.iter().any(|camera| self.sees(camera, p));
-        let pairs = samples
-            .points
-            .iter()
-            .zip(&samples.normals)
-            .filter(|(p, _)| seen(**p));
+        let pairs = samples.points.iter().zip(&samples.normals).filter(|(p, _)| seen(**p));
         let (points, normals) = pairs.map(|(p, n)| (*p, *n)).unzip();
         SurfaceSamples { points, normals }
     }
@@ -75,22 +69,13 @@ impl Scene {
         let Some((pixel, depth)) = camera.project(point) else {
             return false;
         };
-        let ray = Ray {
-            origin: camera.centre(),
-            direction: (point - camera.centre()) / depth,
-        };
-        camera.contains(pixel)
-            && self
-                .trace(&ray, 0.0)
-                .is_none_or(|hit| hit.t > depth * (1.0 - 1e-6))
+        let ray = Ray { origin: camera.centre(), direction: (point - camera.centre()) / depth };
+        camera.contains(pixel) && self.trace(&ray, 0.0).is_none_or(|hit| hit.t > depth * (1.0 - 1e-6))
     }
 
     fn is_inside_another(&self, index: usize, point: DVec3) -> bool {
         self.objects.iter().enumerate().any(|(other, placed)| {
-            other != index
-                && placed
-                    .shape
-                    .contains(placed.world_from_shape.inverse().transform(point))
+            other != index && placed.shape.contains(placed.world_from_shape.inverse().transform(point))
         })
     }
 }
@@ -99,13 +84,7 @@ impl Scene {
 fn random_line(random: &mut Random, radius: f64) -> Ray {
     let direction = random.direction();
     let (u, v) = direction.any_orthonormal_pair();
-    let (r, angle) = (
-        radius * random.unit().sqrt(),
-        random.range(0.0, std::f64::consts::TAU),
-    );
+    let (r, angle) = (radius * random.unit().sqrt(), random.range(0.0, std::f64::consts::TAU));
     let through = u * (r * angle.cos()) + v * (r * angle.sin());
-    Ray {
-        origin: through - direction * (2.0 * radius),
-        direction,
-    }
+    Ray { origin: through - direction * (2.0 * radius), direction }
 }

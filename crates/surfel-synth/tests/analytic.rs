@@ -4,8 +4,7 @@ use glam::{DVec2, DVec3};
 use surfel_core::{Camera, normals::normals_from_depth};
 use surfel_synth::render::{NOTHING, SURROUNDINGS};
 use surfel_synth::{
-    Object, RenderOptions, RenderedView, Scene, SceneKind, SceneOptions, Shape, Texture,
-    warp_statistics,
+    Object, RenderOptions, RenderedView, Scene, SceneKind, SceneOptions, Shape, Texture, warp_statistics,
 };
 
 const KINDS: [SceneKind; 6] = [
@@ -18,23 +17,13 @@ const KINDS: [SceneKind; 6] = [
 ];
 
 fn small(kind: SceneKind) -> SceneOptions {
-    SceneOptions {
-        kind,
-        width: 96,
-        height: 80,
-        supersampling: 1,
-        ..SceneOptions::default()
-    }
+    SceneOptions { kind, width: 96, height: 80, supersampling: 1, ..SceneOptions::default() }
 }
 
 #[test]
 fn depth_of_a_sphere_is_the_closed_form() {
     let radius = 180.0;
-    let options = SceneOptions {
-        object_radius: radius,
-        ground: false,
-        ..small(SceneKind::Sphere)
-    };
+    let options = SceneOptions { object_radius: radius, ground: false, ..small(SceneKind::Sphere) };
     let rendered = &options.render()[0];
     let camera = rendered.view.camera;
     let centre = camera.camera_from_world.transform(DVec3::ZERO);
@@ -43,22 +32,11 @@ fn depth_of_a_sphere_is_the_closed_form() {
         for x in 0..96 {
             let ray = camera.ray(Camera::pixel_centre(x, y));
             // |z ray - centre|² = radius², the smaller root.
-            let (a, b, c) = (
-                ray.length_squared(),
-                ray.dot(centre),
-                centre.length_squared() - radius * radius,
-            );
+            let (a, b, c) = (ray.length_squared(), ray.dot(centre), centre.length_squared() - radius * radius);
             let discriminant = b * b - a * c;
-            let expected = if discriminant > 0.0 {
-                (b - discriminant.sqrt()) / a
-            } else {
-                0.0
-            };
+            let expected = if discriminant > 0.0 { (b - discriminant.sqrt()) / a } else { 0.0 };
             let depth = f64::from(rendered.depth[(x, y)]);
-            assert!(
-                (depth - expected).abs() <= 1e-7 * expected,
-                "{depth} {expected} at {x},{y}"
-            );
+            assert!((depth - expected).abs() <= 1e-7 * expected, "{depth} {expected} at {x},{y}");
             if depth > 0.0 {
                 num_hits += 1;
                 let normal = (ray * expected - centre) / radius;
@@ -88,11 +66,7 @@ fn depth_of_a_plane_is_the_closed_form() {
 #[test]
 fn normals_equal_finite_differences_of_depth() {
     for kind in KINDS {
-        let options = SceneOptions {
-            width: 192,
-            height: 160,
-            ..small(kind)
-        };
+        let options = SceneOptions { width: 192, height: 160, ..small(kind) };
         let rendered = &options.render()[0];
         let numeric = normals_from_depth(&rendered.depth, &rendered.view.camera.intrinsics);
         let mut angles = Vec::new();
@@ -102,75 +76,40 @@ fn normals_equal_finite_differences_of_depth() {
                 if let Some(n) = numeric[(x, y)] {
                     assert!((exact.length() - 1.0).abs() < 1e-6);
                     let ray = rendered.view.camera.ray(Camera::pixel_centre(x, y));
-                    assert!(
-                        exact.dot(ray) <= 0.0,
-                        "{kind:?}: the normal at {x},{y} faces away"
-                    );
-                    angles.push(
-                        exact
-                            .angle_between(DVec3::from(n.map(f64::from)))
-                            .to_degrees(),
-                    );
+                    assert!(exact.dot(ray) <= 0.0, "{kind:?}: the normal at {x},{y} faces away");
+                    angles.push(exact.angle_between(DVec3::from(n.map(f64::from))).to_degrees());
                 }
             }
         }
         angles.sort_by(f64::total_cmp);
         // Central differences are wrong across the depth edges only, a small part of the picture.
         let p90 = angles[angles.len() * 9 / 10];
-        assert!(
-            p90 < 1.0,
-            "{kind:?}: 90% of normals agree within {p90} degrees"
-        );
+        assert!(p90 < 1.0, "{kind:?}: 90% of normals agree within {p90} degrees");
     }
 }
 
 #[test]
 fn one_view_warped_by_its_depth_looks_like_the_other() {
     for kind in KINDS {
-        let options = SceneOptions {
-            width: 192,
-            height: 160,
-            supersampling: 3,
-            ..small(kind)
-        };
+        let options = SceneOptions { width: 192, height: 160, supersampling: 3, ..small(kind) };
         let views = options.render();
         let statistics = warp_statistics(&views[0], &views[1], 0.01);
         println!("{kind:?}: {statistics:?}");
-        assert!(
-            statistics.num_compared * 2 > statistics.num_with_depth,
-            "{kind:?}"
-        );
-        assert!(
-            statistics.median < 0.03 && statistics.mean < 0.04,
-            "{kind:?}: {statistics:?}"
-        );
+        assert!(statistics.num_compared * 2 > statistics.num_with_depth, "{kind:?}");
+        assert!(statistics.median < 0.03 && statistics.mean < 0.04, "{kind:?}: {statistics:?}");
         // The measure can fail: wrong depth gives a several times larger error.
         let mut wrong = views[0].clone();
-        wrong
-            .depth
-            .as_mut_slice()
-            .iter_mut()
-            .for_each(|d| *d *= 1.02);
+        wrong.depth.as_mut_slice().iter_mut().for_each(|d| *d *= 1.02);
         let worse = warp_statistics(&wrong, &views[1], 0.05);
-        assert!(
-            worse.median > 1.8 * statistics.median,
-            "{kind:?}: {worse:?} against {statistics:?}"
-        );
+        assert!(worse.median > 1.8 * statistics.median, "{kind:?}: {worse:?} against {statistics:?}");
     }
 }
 
 #[test]
 fn the_picture_depends_on_the_seed_but_not_on_the_number_of_threads() {
-    let options = SceneOptions {
-        noise: 0.02,
-        seed: 3,
-        ..small(SceneKind::StillLife)
-    };
+    let options = SceneOptions { noise: 0.02, seed: 3, ..small(SceneKind::StillLife) };
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| options.render())
     };
     let (one, four) = (on(1), on(4));
@@ -179,11 +118,7 @@ fn the_picture_depends_on_the_seed_but_not_on_the_number_of_threads() {
         assert_eq!(a.depth, b.depth);
         assert_eq!(a.normal, b.normal);
     }
-    let other = SceneOptions {
-        seed: 4,
-        ..options.clone()
-    }
-    .render();
+    let other = SceneOptions { seed: 4, ..options.clone() }.render();
     assert_ne!(one[0].view.image, other[0].view.image);
     assert_ne!(one[0].view.image, one[1].view.image);
 }
@@ -192,23 +127,13 @@ fn the_picture_depends_on_the_seed_but_not_on_the_number_of_threads() {
 fn scaling_the_scene_scales_depth_and_keeps_the_picture() {
     for kind in KINDS {
         let options = small(kind);
-        let large = SceneOptions {
-            object_radius: options.object_radius * 64.0,
-            ..options.clone()
-        };
+        let large = SceneOptions { object_radius: options.object_radius * 64.0, ..options.clone() };
         let (a, b) = (&options.render()[0], &large.render()[0]);
-        let same = a
-            .depth
-            .as_slice()
-            .iter()
-            .zip(b.depth.as_slice())
-            .filter(|(a, b)| (*a * 64.0 - *b).abs() <= 1e-4 * *b);
+        let same =
+            a.depth.as_slice().iter().zip(b.depth.as_slice()).filter(|(a, b)| (*a * 64.0 - *b).abs() <= 1e-4 * *b);
         assert!(same.count() > 96 * 80 * 995 / 1000, "{kind:?}");
         let close = a.view.image.as_slice().iter().zip(b.view.image.as_slice());
-        assert!(
-            close.filter(|(a, b)| (a[1] - b[1]).abs() < 1e-3).count() > 96 * 80 * 99 / 100,
-            "{kind:?}"
-        );
+        assert!(close.filter(|(a, b)| (a[1] - b[1]).abs() < 1e-3).count() > 96 * 80 * 99 / 100, "{kind:?}");
     }
 }
 
@@ -216,39 +141,19 @@ fn scaling_the_scene_scales_depth_and_keeps_the_picture() {
 fn object_map_tells_objects_from_ground_and_backdrop() {
     let scene = Scene {
         objects: vec![
-            Object::at(
-                DVec3::new(0.0, 0.0, -1.0),
-                Shape::Plane {
-                    half: DVec2::splat(1.5),
-                },
-                Texture::Solid([0.5; 3]),
-            )
-            .surroundings(),
-            Object::at(
-                DVec3::ZERO,
-                Shape::Sphere { radius: 0.5 },
-                Texture::Solid([0.8; 3]),
-            ),
+            Object::at(DVec3::new(0.0, 0.0, -1.0), Shape::Plane { half: DVec2::splat(1.5) }, Texture::Solid([0.5; 3]))
+                .surroundings(),
+            Object::at(DVec3::ZERO, Shape::Sphere { radius: 0.5 }, Texture::Solid([0.8; 3])),
         ],
         ..small(SceneKind::Sphere).scene()
     };
-    let rig = surfel_synth::OrbitRig {
-        distance: 5.0,
-        ..surfel_synth::OrbitRig::dtu(96, 80)
-    };
-    let RenderedView { object, depth, .. } =
-        scene.render(&rig.cameras(1)[0], "0", &RenderOptions::default());
+    let rig = surfel_synth::OrbitRig { distance: 5.0, ..surfel_synth::OrbitRig::dtu(96, 80) };
+    let RenderedView { object, depth, .. } = scene.render(&rig.cameras(1)[0], "0", &RenderOptions::default());
     assert_eq!(object[(48, 40)], 1);
     for id in [NOTHING, SURROUNDINGS, 1] {
         assert!(object.as_slice().contains(&id), "{id} missing");
     }
-    assert!(
-        object
-            .as_slice()
-            .iter()
-            .zip(depth.as_slice())
-            .all(|(&id, &d)| (id == NOTHING) == (d == 0.0))
-    );
+    assert!(object.as_slice().iter().zip(depth.as_slice()).all(|(&id, &d)| (id == NOTHING) == (d == 0.0)));
 }
 
 #[test]
@@ -259,42 +164,19 @@ fn surface_samples_lie_on_the_surface_and_are_uniform_by_area() {
         let samples = scene.surface_samples(0, 2000, 5);
         for (p, n) in samples.points.iter().zip(&samples.normals) {
             assert!((n.length() - 1.0).abs() < 1e-9);
-            let probe = surfel_synth::Ray {
-                origin: *p + *n * 1e-3,
-                direction: -*n,
-            };
-            let hit = scene.objects[0]
-                .shape
-                .intersect(&scene.objects[0].ray_in_shape(&probe), 0.0);
-            assert!(
-                hit.is_some_and(|hit| (hit.t - 1e-3).abs() < 1e-5),
-                "{kind:?} at {p}"
-            );
+            let probe = surfel_synth::Ray { origin: *p + *n * 1e-3, direction: -*n };
+            let hit = scene.objects[0].shape.intersect(&scene.objects[0].ray_in_shape(&probe), 0.0);
+            assert!(hit.is_some_and(|hit| (hit.t - 1e-3).abs() < 1e-5), "{kind:?} at {p}");
         }
         let visible = scene.visible_samples(&samples, &options.cameras());
-        assert!(
-            visible.points.len() > 100 && visible.points.len() < 2000,
-            "{kind:?}: {}",
-            visible.points.len()
-        );
+        assert!(visible.points.len() > 100 && visible.points.len() < 2000, "{kind:?}: {}", visible.points.len());
     }
     // Archimedes: the z coordinate of a uniform point on a sphere is uniform.
-    let scene = SceneOptions {
-        object_radius: 1.0,
-        ..small(SceneKind::Sphere)
-    }
-    .scene();
+    let scene = SceneOptions { object_radius: 1.0, ..small(SceneKind::Sphere) }.scene();
     let samples = scene.surface_samples(0, 8000, 1);
     for i in 0..8 {
         let low = -1.0 + 0.25 * f64::from(i);
-        let inside = samples
-            .points
-            .iter()
-            .filter(|p| p.z >= low && p.z < low + 0.25)
-            .count();
-        assert!(
-            (850..1150).contains(&inside),
-            "{inside} of 8000 in one eighth"
-        );
+        let inside = samples.points.iter().filter(|p| p.z >= low && p.z < low + 0.25).count();
+        assert!((850..1150).contains(&inside), "{inside} of 8000 in one eighth");
     }
 }

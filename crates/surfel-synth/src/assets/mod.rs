@@ -1,0 +1,25 @@
+//! Endless photographs of textured scans with exact depth, normals and masks (feature `assets`).
+//!
+//! `library` reads a folder of GLB meshes, textures and light maps; `sampler` draws a scene from a seed
+//! (`tabletop` or `room`, put together by `arrange`); `stage` is what rays see; `photograph` and `sensor`
+//! take the picture. Invariant: depth and normals are those of the triangles, whatever the picture shows.
+
+mod arrange;
+mod openness;
+mod room;
+mod tabletop;
+
+pub mod error;
+pub mod glb;
+pub mod library;
+pub mod light;
+pub mod mesh;
+pub mod photograph;
+pub mod sampler;
+pub mod sensor;
+pub mod stage;
+pub mod texels;
+
+pub use error::AssetError;
+pub use library::{AssetLibrary, Split};
+pub use sampler::{SceneSampler, SynthConfig, SynthScene};
