@@ -69,11 +69,12 @@ pub(super) fn bounds(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec
 }
 
 /// True when f32 would move some point of the box by more than 1e-4 of the box's longest side, as happens
-/// far from the origin (map coordinates).
+/// far from the origin (map coordinates). A single point has no detail to lose.
 pub(super) fn loses_in_single(low: DVec3, high: DVec3) -> bool {
     let farthest = low.abs().max(high.abs()).max_element();
     let half_ulp = farthest * f64::from(f32::EPSILON) / 2.0;
-    half_ulp > 1e-4 * (high - low).max_element()
+    let extent = (high - low).max_element();
+    extent > 0.0 && half_ulp > 1e-4 * extent
 }
 
 #[cfg(test)]
@@ -87,6 +88,7 @@ mod tests {
         assert!(!loses_in_single(DVec3::splat(5_000.0), DVec3::splat(5_000.0) + side));
         let utm = DVec3::new(4.5e5, 5.4e6, 300.0);
         assert!(loses_in_single(utm, utm + side));
+        assert!(!loses_in_single(utm, utm));
     }
 
     #[test]
