@@ -23,7 +23,7 @@ pub const BACKGROUND: [f32; 3] = [0.94, 0.94, 0.935];
 /// Colour of a mesh without colours.
 const CLAY: [f32; 3] = [0.78, 0.77, 0.75];
 /// Brightness of a surface seen edge-on: photographs carry their own shading, so the headlight only hints.
-const AMBIENT: f32 = 0.35;
+const AMBIENT: f32 = 0.45;
 /// Rows rendered by one thread at a time.
 const BAND: usize = 16;
 
@@ -231,7 +231,7 @@ mod tests {
             if (0.0..9.9).contains(&z) {
                 num_floor += 1;
                 assert!((f64::from(render.depth[(20, y)]) - z).abs() < 1e-5 * z);
-                let light = 0.35 + 0.65 * (ray.y / ray.length());
+                let light = 0.45 + 0.55 * (ray.y / ray.length());
                 assert!((f64::from(render.colour[(20, y)][0]) - z / 10.0 * light).abs() < 5e-3, "row {y}");
             } else {
                 assert_eq!(render.colour[(20, y)], BACKGROUND);

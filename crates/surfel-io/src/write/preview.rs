@@ -97,7 +97,7 @@ fn depth_colours(depth: &Grid<f32>, range: Option<(f32, f32)>) -> Grid<[f32; 3]>
 
 /// The ends of the map are nearly black and deep red, and would pass for "none"; they are left out.
 fn depth_colour(nearness: f32) -> [f32; 3] {
-    turbo(0.06 + 0.88 * nearness.clamp(0.0, 1.0))
+    turbo(0.07 + 0.82 * nearness.clamp(0.0, 1.0))
 }
 
 /// The usual look of normal maps: towards the viewer is light blue, up is green, right is red.
