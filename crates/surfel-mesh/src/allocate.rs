@@ -41,11 +41,7 @@ pub(crate) fn touched_blocks(
             .into_par_iter()
             .map(|y| {
                 let row = blocks_of_row(observer, lattice, config, y, max_blocks);
-                if row.len() > max_blocks {
-                    Err(row.len())
-                } else {
-                    Ok(row)
-                }
+                if row.len() > max_blocks { Err(row.len()) } else { Ok(row) }
             })
             .collect();
         for row in rows.map_err(too_many)? {
@@ -60,11 +56,7 @@ pub(crate) fn touched_blocks(
         }
     }
     sort_and_dedup(&mut blocks);
-    if blocks.len() > max_blocks {
-        Err(too_many(blocks.len()))
-    } else {
-        Ok(blocks)
-    }
+    if blocks.len() > max_blocks { Err(too_many(blocks.len())) } else { Ok(blocks) }
 }
 
 fn sort_and_dedup(blocks: &mut Vec<IVec3>) {
@@ -121,11 +113,7 @@ fn block_box(
     let offset_at = |z: f64| observer.rotation.transpose() * (ray * z - observer.translation);
     let surface = offset_at(depth);
     let truncation = config.truncation / lattice.voxel * lattice.spacing(surface);
-    let ends = [
-        offset_at(depth - half_rise),
-        surface,
-        offset_at(depth + half_rise + truncation),
-    ];
+    let ends = [offset_at(depth - half_rise), surface, offset_at(depth + half_rise + truncation)];
     let ends = ends.map(|offset| lattice.grid_from_offset(offset));
     // Half a pixel to each side, its diagonal, and the stretch of the compressed part.
     let half_pixel = 0.5 * depth / fx.min(fy) * std::f64::consts::SQRT_2;
@@ -144,14 +132,8 @@ fn block_box(
 fn half_rise(observer: &Observer<'_>, x: usize, y: usize, depth: f64) -> f64 {
     let rise = |nx: usize, ny: usize| {
         let inside = nx < observer.width && ny < observer.height;
-        let neighbour = if inside {
-            observer.pixel_depth(nx, ny)
-        } else {
-            None
-        };
-        neighbour
-            .filter(|&n| observer.same_surface(depth, n))
-            .map_or(0.0, |n| (n - depth).abs())
+        let neighbour = if inside { observer.pixel_depth(nx, ny) } else { None };
+        neighbour.filter(|&n| observer.same_surface(depth, n)).map_or(0.0, |n| (n - depth).abs())
     };
     let across = rise(x.wrapping_sub(1), y).max(rise(x + 1, y));
     let down = rise(x, y.wrapping_sub(1)).max(rise(x, y + 1));

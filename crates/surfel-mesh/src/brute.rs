@@ -15,12 +15,7 @@ use surfel_core::Grid;
 
 /// Field values, in local voxels, of every voxel from `low` up to and excluding `high`; `None` where
 /// unobserved. The twin of [`crate::fuse`], in double precision.
-pub fn dense_field(
-    views: &[DepthView<'_>],
-    config: &TsdfConfig,
-    low: IVec3,
-    high: IVec3,
-) -> HashMap<IVec3, f64> {
+pub fn dense_field(views: &[DepthView<'_>], config: &TsdfConfig, low: IVec3, high: IVec3) -> HashMap<IVec3, f64> {
     let lattice = lattice_of(views, config);
     let truncation = config.truncation / config.voxel;
     let mut field = HashMap::new();
@@ -31,12 +26,10 @@ pub fn dense_field(
                 let offset = lattice.offset_from_grid(voxel.as_dvec3());
                 let (mut sum, mut total) = (0.0, 0.0);
                 for view in views {
-                    let Some((pixel, z)) = view.camera.project(lattice.world_from_offset(offset))
-                    else {
+                    let Some((pixel, z)) = view.camera.project(lattice.world_from_offset(offset)) else {
                         continue;
                     };
-                    let Some((depth, weight)) = depth_at(view, pixel - 0.5, config.max_depth_jump)
-                    else {
+                    let Some((depth, weight)) = depth_at(view, pixel - 0.5, config.max_depth_jump) else {
                         continue;
                     };
                     let distance = (depth - z) / (config.voxel * lattice.spacing(offset));
@@ -63,10 +56,7 @@ fn depth_at(view: &DepthView<'_>, pixel: DVec2, max_jump: f64) -> Option<(f64, f
     let weight = |x, y| view.weight.map_or(Some(1.0), |weight| usable(weight, x, y));
     let depth = |x, y| usable(view.depth, x, y).filter(|_| weight(x, y).is_some());
     let nearest = (pixel + 0.5).floor();
-    if nearest.min_element() < 0.0
-        || nearest.x >= view.camera.width as f64
-        || nearest.y >= view.camera.height as f64
-    {
+    if nearest.min_element() < 0.0 || nearest.x >= view.camera.width as f64 || nearest.y >= view.camera.height as f64 {
         return None;
     }
     let corner = pixel.floor();
@@ -116,33 +106,21 @@ pub fn triangle_soup(tsdf: &Tsdf<'_>) -> Vec<[[f32; 3]; 3]> {
                     let corner = i32::from(corner);
                     IVec3::new(x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2))
                 };
-                let values: Vec<f32> = (0..8)
-                    .filter_map(|corner| tsdf.value(voxel(corner)))
-                    .collect();
+                let values: Vec<f32> = (0..8).filter_map(|corner| tsdf.value(voxel(corner))).collect();
                 let Ok(values) = <[f32; 8]>::try_from(values) else {
                     continue;
                 };
-                let case =
-                    (0..8u8).fold(0, |case, c| case | u8::from(values[c as usize] < 0.0) << c);
+                let case = (0..8u8).fold(0, |case, c| case | u8::from(values[c as usize] < 0.0) << c);
                 if is_torn(&values, case, tsdf.truncation) {
                     continue;
                 }
                 let position = |edge: u8| {
                     let [a, b] = edge_corners(edge);
                     let along = crossing(values[a as usize], values[b as usize]);
-                    let grid: DVec3 = voxel(a)
-                        .as_dvec3()
-                        .lerp(voxel(b).as_dvec3(), f64::from(along));
-                    tsdf.lattice
-                        .world_from_offset(tsdf.lattice.offset_from_grid(grid))
-                        .as_vec3()
-                        .to_array()
+                    let grid: DVec3 = voxel(a).as_dvec3().lerp(voxel(b).as_dvec3(), f64::from(along));
+                    tsdf.lattice.world_from_offset(tsdf.lattice.offset_from_grid(grid)).as_vec3().to_array()
                 };
-                soup.extend(
-                    CASES[case as usize]
-                        .iter()
-                        .map(|triangle| triangle.map(position)),
-                );
+                soup.extend(CASES[case as usize].iter().map(|triangle| triangle.map(position)));
             }
         }
     }

@@ -14,18 +14,10 @@ use std::sync::LazyLock;
 pub(crate) type CaseTriangle = [u8; 3];
 
 /// Triangles by case; bit `c` of the case is set when corner `c` is inside (negative).
-pub(crate) static CASES: LazyLock<Vec<Vec<CaseTriangle>>> =
-    LazyLock::new(|| (0..=255).map(triangles_of).collect());
+pub(crate) static CASES: LazyLock<Vec<Vec<CaseTriangle>>> = LazyLock::new(|| (0..=255).map(triangles_of).collect());
 
 /// The corners of the six faces, counter-clockwise seen from outside the cube.
-const FACES: [[u8; 4]; 6] = [
-    [0, 2, 3, 1],
-    [4, 5, 7, 6],
-    [0, 1, 5, 4],
-    [2, 6, 7, 3],
-    [0, 4, 6, 2],
-    [1, 3, 7, 5],
-];
+const FACES: [[u8; 4]; 6] = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
 
 /// One more than the largest edge code.
 pub(crate) const NUM_EDGE_CODES: usize = 24;
@@ -41,10 +33,7 @@ fn edge_between(a: u8, b: u8) -> u8 {
 }
 
 fn triangles_of(case: u8) -> Vec<CaseTriangle> {
-    loops_of(case)
-        .iter()
-        .flat_map(|edges| triangulate(edges))
-        .collect()
+    loops_of(case).iter().flat_map(|edges| triangulate(edges)).collect()
 }
 
 /// Closed loops of crossed edges.
@@ -60,8 +49,7 @@ fn loops_of(case: u8) -> Vec<Vec<u8>> {
             // The run of inside corners entered here ends at the first step back out.
             let end = (1..4).find(|&step| inside(corner(step)) && !inside(corner(step + 1)));
             let end = end.expect("a face with an outside corner has an end to each inside run");
-            next[edge_between(corner(0), corner(1)) as usize] =
-                Some(edge_between(corner(end), corner(end + 1)));
+            next[edge_between(corner(0), corner(1)) as usize] = Some(edge_between(corner(end), corner(end + 1)));
         }
     }
     let mut loops = Vec::new();
@@ -84,27 +72,17 @@ fn loops_of(case: u8) -> Vec<Vec<u8>> {
 fn triangulate(edges: &[u8]) -> Vec<CaseTriangle> {
     let fan = |apex: usize| -> Vec<CaseTriangle> {
         let at = |step: usize| edges[(apex + step) % edges.len()];
-        (1..edges.len() - 1)
-            .map(|step| [at(0), at(step), at(step + 1)])
-            .collect()
+        (1..edges.len() - 1).map(|step| [at(0), at(step), at(step + 1)]).collect()
     };
     let flat_diagonals = |apex: &usize| {
         let at = |step: usize| edges[(apex + step) % edges.len()];
-        (2..edges.len() - 1)
-            .filter(|&step| share_a_face(at(0), at(step)))
-            .count()
+        (2..edges.len() - 1).filter(|&step| share_a_face(at(0), at(step))).count()
     };
     fan((0..edges.len()).min_by_key(flat_diagonals).unwrap_or(0))
 }
 
 fn share_a_face(a: u8, b: u8) -> bool {
-    FACES.iter().any(|face| {
-        [a, b].iter().all(|&edge| {
-            edge_corners(edge)
-                .iter()
-                .all(|corner| face.contains(corner))
-        })
-    })
+    FACES.iter().any(|face| [a, b].iter().all(|&edge| edge_corners(edge).iter().all(|corner| face.contains(corner))))
 }
 
 #[cfg(test)]
@@ -117,8 +95,7 @@ mod tests {
         let mut segments = BTreeMap::new();
         for [a, b, c] in &CASES[case] {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                *segments.entry((*from.min(to), *from.max(to))).or_insert(0) +=
-                    if from < to { 1 } else { -1 };
+                *segments.entry((*from.min(to), *from.max(to))).or_insert(0) += if from < to { 1 } else { -1 };
             }
         }
         segments.retain(|_, count| *count != 0);
@@ -135,10 +112,7 @@ mod tests {
                     }
                     let [a, b] = edge_corners(3 * corner + axis);
                     let crossed = (case >> a & 1) != (case >> b & 1);
-                    let used = CASES[case]
-                        .iter()
-                        .flatten()
-                        .any(|&edge| edge == 3 * corner + axis);
+                    let used = CASES[case].iter().flatten().any(|&edge| edge == 3 * corner + axis);
                     assert_eq!(crossed, used, "case {case} edge {corner}+{axis}");
                 }
             }
@@ -152,21 +126,12 @@ mod tests {
             let segments = open_segments(case);
             let mut found = 0;
             for (index, face) in FACES.iter().enumerate() {
-                let in_face = |edge: u8| {
-                    edge_corners(edge)
-                        .iter()
-                        .all(|corner| face.contains(corner))
-                };
-                let on_face: Vec<_> = segments
-                    .iter()
-                    .filter(|((a, b), _)| in_face(*a) && in_face(*b))
-                    .map(|(k, v)| (*k, *v))
-                    .collect();
+                let in_face = |edge: u8| edge_corners(edge).iter().all(|corner| face.contains(corner));
+                let on_face: Vec<_> =
+                    segments.iter().filter(|((a, b), _)| in_face(*a) && in_face(*b)).map(|(k, v)| (*k, *v)).collect();
                 found += on_face.len();
                 let signs = face.iter().map(|&corner| case >> corner & 1 == 1).collect();
-                let first = by_face
-                    .entry((index, signs))
-                    .or_insert_with(|| on_face.clone());
+                let first = by_face.entry((index, signs)).or_insert_with(|| on_face.clone());
                 assert_eq!(*first, on_face, "case {case} face {index}");
             }
             assert_eq!(found, segments.len(), "case {case} is open inside the cube");

@@ -24,11 +24,7 @@ pub struct ComponentReport {
 ///
 /// Components as large as the `keep`-th largest are all kept, as in the spec; with fewer than `keep`
 /// components only `min_triangles` decides. `keep = 0` removes everything.
-pub fn filter_components(
-    mesh: &TriMesh,
-    keep: usize,
-    min_triangles: usize,
-) -> (TriMesh, ComponentReport) {
+pub fn filter_components(mesh: &TriMesh, keep: usize, min_triangles: usize) -> (TriMesh, ComponentReport) {
     let component = component_of_vertices(mesh);
     let mut sizes = vec![0usize; mesh.positions.len()];
     for triangle in &mesh.triangles {
@@ -62,9 +58,7 @@ fn component_of_vertices(mesh: &TriMesh) -> Vec<usize> {
             parent[a.max(b)] = a.min(b);
         }
     }
-    (0..parent.len())
-        .map(|vertex| root(&mut parent, vertex))
-        .collect()
+    (0..parent.len()).map(|vertex| root(&mut parent, vertex)).collect()
 }
 
 fn root(parent: &mut [usize], mut vertex: usize) -> usize {

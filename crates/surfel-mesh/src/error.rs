@@ -26,9 +26,7 @@ pub enum MeshError {
         camera_height: usize,
     },
     /// A focal length or pose is not a usable number.
-    #[error(
-        "view {view}: the camera has a focal length that is not positive or a pose that is not finite"
-    )]
+    #[error("view {view}: the camera has a focal length that is not positive or a pose that is not finite")]
     BadCamera {
         /// Index of the view.
         view: usize,

@@ -37,10 +37,8 @@ impl Tsdf<'_> {
     /// The zero surface as triangles with unit normals and colours, scene frame and units, wound
     /// counter-clockwise seen from the cameras' side. Empty when the field crosses zero nowhere.
     pub fn extract(&self) -> TriMesh {
-        let patches: Vec<Option<Patch>> = (0..self.blocks.len())
-            .into_par_iter()
-            .map(|block| patch_of(self, block))
-            .collect();
+        let patches: Vec<Option<Patch>> =
+            (0..self.blocks.len()).into_par_iter().map(|block| patch_of(self, block)).collect();
         let mut num_vertices = 0;
         let first_vertex: Vec<usize> = patches
             .iter()
@@ -50,15 +48,9 @@ impl Tsdf<'_> {
                 first
             })
             .collect();
-        let triangles: Vec<[u32; 3]> = patches
-            .par_iter()
-            .flatten()
-            .flat_map_iter(|patch| triangles_of(patch, &patches, &first_vertex))
-            .collect();
-        let mut mesh = TriMesh {
-            triangles,
-            ..TriMesh::default()
-        };
+        let triangles: Vec<[u32; 3]> =
+            patches.par_iter().flatten().flat_map_iter(|patch| triangles_of(patch, &patches, &first_vertex)).collect();
+        let mut mesh = TriMesh { triangles, ..TriMesh::default() };
         for vertex in patches.iter().flatten().flat_map(|patch| &patch.vertices) {
             mesh.positions.push(vertex.position);
             mesh.normals.push(vertex.normal);
@@ -94,25 +86,11 @@ fn patch_of(tsdf: &Tsdf<'_>, block: usize) -> Option<Patch> {
         }
     }
     let mut vertices = Vec::new();
-    for (index, slot) in slots
-        .iter_mut()
-        .enumerate()
-        .filter(|(_, slot)| **slot != NO_VERTEX)
-    {
+    for (index, slot) in slots.iter_mut().enumerate().filter(|(_, slot)| **slot != NO_VERTEX) {
         *slot = vertices.len() as u16;
         let (voxel, axis) = ((index / 3) as i32, index % 3);
-        let start = IVec3::new(
-            voxel % BLOCK,
-            voxel / BLOCK % BLOCK,
-            voxel / (BLOCK * BLOCK),
-        );
-        vertices.push(vertex_on_edge(
-            tsdf,
-            &around,
-            tsdf.blocks[block] * BLOCK,
-            start,
-            axis,
-        ));
+        let start = IVec3::new(voxel % BLOCK, voxel / BLOCK % BLOCK, voxel / (BLOCK * BLOCK));
+        vertices.push(vertex_on_edge(tsdf, &around, tsdf.blocks[block] * BLOCK, start, axis));
     }
     (!vertices.is_empty() || !cubes.is_empty()).then_some(Patch {
         vertices,
@@ -132,11 +110,7 @@ fn case_of(around: &Neighbourhood, cube: IVec3, truncation: f32) -> Option<u8> {
         }
         case |= u8::from(*value < 0.0) << corner;
     }
-    if case == 0 || case == 255 || is_torn(&corners, case, truncation) {
-        None
-    } else {
-        Some(case)
-    }
+    if case == 0 || case == 255 || is_torn(&corners, case, truncation) { None } else { Some(case) }
 }
 
 /// True when a crossed edge ends in saturated free space.
@@ -152,10 +126,7 @@ pub(crate) fn is_torn(corners: &[f32; 8], case: u8, truncation: f32) -> bool {
 /// Local voxel where an edge of a cube starts, and its axis.
 fn edge_start(cube: IVec3, edge: u8) -> (IVec3, usize) {
     let corner = i32::from(edge / 3);
-    (
-        cube + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2),
-        usize::from(edge % 3),
-    )
+    (cube + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2), usize::from(edge % 3))
 }
 
 fn inside_block(voxel: IVec3) -> bool {
@@ -173,12 +144,8 @@ fn triangles_of(patch: &Patch, patches: &[Option<Patch>], first_vertex: &[usize]
             triangles.push(triangle.map(|edge| {
                 let (start, axis) = edge_start(cube, edge);
                 let owner = start.div_euclid(IVec3::splat(BLOCK));
-                let owner = patch.neighbours[Neighbourhood::neighbour(owner)]
-                    .expect("all corners were observed");
-                let slots = &patches[owner]
-                    .as_ref()
-                    .expect("a used edge makes its owner a patch")
-                    .slots;
+                let owner = patch.neighbours[Neighbourhood::neighbour(owner)].expect("all corners were observed");
+                let slots = &patches[owner].as_ref().expect("a used edge makes its owner a patch").slots;
                 let slot = slots[3 * voxel_index(start.rem_euclid(IVec3::splat(BLOCK))) + axis];
                 (first_vertex[owner] + usize::from(slot)) as u32
             }));
@@ -189,31 +156,18 @@ fn triangles_of(patch: &Patch, patches: &[Option<Patch>], first_vertex: &[usize]
 
 /// Gives vertices whose field gradient vanished the area-weighted normal of their triangles.
 fn fill_missing_normals(mesh: &mut TriMesh) {
-    let missing: Vec<bool> = mesh
-        .normals
-        .iter()
-        .map(|normal| *normal == [0.0; 3])
-        .collect();
+    let missing: Vec<bool> = mesh.normals.iter().map(|normal| *normal == [0.0; 3]).collect();
     if !missing.contains(&true) {
         return;
     }
     for index in 0..mesh.triangles.len() {
         let [a, b, c] = mesh.corners(index).map(Vec3::from);
         let area_normal = (b - a).cross(c - a);
-        for vertex in mesh.triangles[index]
-            .map(|vertex| vertex as usize)
-            .into_iter()
-            .filter(|&v| missing[v])
-        {
+        for vertex in mesh.triangles[index].map(|vertex| vertex as usize).into_iter().filter(|&v| missing[v]) {
             mesh.normals[vertex] = (Vec3::from(mesh.normals[vertex]) + area_normal).to_array();
         }
     }
-    for (normal, _) in mesh
-        .normals
-        .iter_mut()
-        .zip(missing)
-        .filter(|(_, missing)| *missing)
-    {
+    for (normal, _) in mesh.normals.iter_mut().zip(missing).filter(|(_, missing)| *missing) {
         *normal = Vec3::from(*normal).normalize_or(Vec3::Z).to_array();
     }
 }

@@ -4,10 +4,10 @@
 //! every pixel, component and triangle that was removed stands in the [`MeshReport`].
 
 use crate::{
-    ComponentReport, DepthView, MaskConfig, MaskCounts, MeshError, TsdfConfig, facing,
-    filter_components, fuse, mask_unreliable,
+    ComponentReport, DepthView, MaskConfig, MaskCounts, MeshError, TsdfConfig, facing, filter_components, fuse,
+    mask_unreliable, normals_to_the_rim,
 };
-use surfel_core::{Grid, TriMesh, normals::normals_from_depth};
+use surfel_core::{Grid, TriMesh};
 
 /// Settings of [`mesh_from_views`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,8 +16,9 @@ pub struct MeshConfig {
     pub mask: MaskConfig,
     /// Resolution; `None` takes [`TsdfConfig::from_pixel_footprint`].
     pub tsdf: Option<TsdfConfig>,
-    /// Multiply weights by the cosine of the viewing angle (times the given weights, if any).
-    pub cosine_weight: bool,
+    /// Weigh pixels by `cos^2 / z^2` (viewing angle, depth), times the given weights, if any. The band behind
+    /// a silhouette then hardly pulls on surfaces that other views see frontally.
+    pub weigh_by_geometry: bool,
     /// Components kept, see [`filter_components`]; 1 for evaluation.
     pub keep: usize,
     /// Components with fewer triangles are dropped.
@@ -26,15 +27,12 @@ pub struct MeshConfig {
 
 impl Default for MeshConfig {
     fn default() -> Self {
-        Self {
-            mask: MaskConfig::default(),
-            tsdf: None,
-            cosine_weight: true,
-            keep: 50,
-            min_triangles: 50,
-        }
+        Self { mask: MaskConfig::default(), tsdf: None, weigh_by_geometry: true, keep: 50, min_triangles: 50 }
     }
 }
+
+/// Cosine below which angles are not told apart: 84 degrees, beyond what the mask keeps by default.
+const MIN_COSINE: f64 = 0.1;
 
 /// What [`mesh_from_views`] chose, removed and made.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,36 +73,22 @@ pub struct MeshReport {
 /// assert_eq!(report.components.num_kept, 1);
 /// # Ok::<(), surfel_mesh::MeshError>(())
 /// ```
-pub fn mesh_from_views(
-    views: &[DepthView<'_>],
-    config: &MeshConfig,
-) -> Result<(TriMesh, MeshReport), MeshError> {
+pub fn mesh_from_views(views: &[DepthView<'_>], config: &MeshConfig) -> Result<(TriMesh, MeshReport), MeshError> {
     for (index, view) in views.iter().enumerate() {
         view.check(index)?;
     }
-    let prepared: Vec<Prepared> = views
-        .iter()
-        .map(|view| Prepared::new(view, config))
-        .collect();
+    let prepared: Vec<Prepared> = views.iter().map(|view| Prepared::new(view, config)).collect();
     let masked: Vec<DepthView<'_>> = views
         .iter()
         .zip(&prepared)
-        .map(|(view, ours)| DepthView {
-            depth: &ours.depth,
-            weight: ours.weight.as_ref().or(view.weight),
-            ..*view
-        })
+        .map(|(view, ours)| DepthView { depth: &ours.depth, weight: ours.weight.as_ref().or(view.weight), ..*view })
         .collect();
-    let chosen = config
-        .tsdf
-        .or_else(|| TsdfConfig::from_pixel_footprint(&masked));
+    let chosen = config.tsdf.or_else(|| TsdfConfig::from_pixel_footprint(&masked));
     let tsdf_config = match chosen {
         Some(chosen) => chosen,
         None if views.is_empty() => return Err(MeshError::NoViews),
         None => {
-            return Err(MeshError::NoDepth {
-                num_views: views.len(),
-            });
+            return Err(MeshError::NoDepth { num_views: views.len() });
         }
     };
     let tsdf = fuse(&masked, &tsdf_config)?;
@@ -132,22 +116,15 @@ struct Prepared {
 
 impl Prepared {
     fn new(view: &DepthView<'_>, config: &MeshConfig) -> Self {
-        let normals = normals_from_depth(view.depth, &view.camera.intrinsics);
-        let (depth, counts) =
-            mask_unreliable(view.depth, view.camera, Some(&normals), &config.mask);
-        let weight = config.cosine_weight.then(|| {
+        let normals = normals_to_the_rim(view.depth, &view.camera.intrinsics);
+        let (depth, counts) = mask_unreliable(view.depth, view.camera, Some(&normals), &config.mask);
+        let weight = config.weigh_by_geometry.then(|| {
             Grid::from_fn(depth.width(), depth.height(), |x, y| {
                 let given = view.weight.map_or(1.0, |weight| weight[(x, y)]);
-                // Grazing pixels keep a trace of weight: the mask decides who speaks, the weight how loudly.
-                let cosine =
-                    normals[(x, y)].map_or(1.0, |n| facing(view.camera, x, y, n).max(0.01));
-                given * cosine as f32
+                let cosine = normals[(x, y)].map_or(1.0, |n| facing(view.camera, x, y, n).max(MIN_COSINE));
+                given * (cosine / f64::from(view.depth[(x, y)])).powi(2) as f32
             })
         });
-        Self {
-            depth,
-            weight,
-            counts,
-        }
+        Self { depth, weight, counts }
     }
 }

@@ -67,26 +67,17 @@ impl Lattice {
 mod tests {
     use super::*;
 
-    const LATTICE: Lattice = Lattice {
-        origin: DVec3::new(3.0, 1.0, -2.0),
-        voxel: 0.5,
-        uniform_radius: 20.0,
-    };
+    const LATTICE: Lattice = Lattice { origin: DVec3::new(3.0, 1.0, -2.0), voxel: 0.5, uniform_radius: 20.0 };
 
     #[test]
     fn warp_is_continuous_and_undone() {
         for scale in [0.1, 0.999, 1.001, 3.0, 50.0] {
             let offset = DVec3::new(12.0, -16.0, 0.0) * scale;
             let back = LATTICE.offset_from_grid(LATTICE.grid_from_offset(offset));
-            assert!(
-                (back - offset).length() < 1e-9 * offset.length(),
-                "{offset} came back as {back}"
-            );
+            assert!((back - offset).length() < 1e-9 * offset.length(), "{offset} came back as {back}");
         }
         let (inside, outside) = (DVec3::X * 19.999_999, DVec3::X * 20.000_001);
-        assert!(
-            (LATTICE.grid_from_offset(outside) - LATTICE.grid_from_offset(inside)).length() < 3e-6
-        );
+        assert!((LATTICE.grid_from_offset(outside) - LATTICE.grid_from_offset(inside)).length() < 3e-6);
     }
 
     #[test]
@@ -95,8 +86,7 @@ mod tests {
         let field = |grid: DVec3| normal.dot(LATTICE.offset_from_grid(grid));
         let grid = LATTICE.grid_from_offset(DVec3::new(70.0, 110.0, -40.0));
         let step = 1e-4;
-        let gradient =
-            DVec3::from_array(DVec3::AXES.map(|a| field(grid + a * step) - field(grid - a * step)));
+        let gradient = DVec3::from_array(DVec3::AXES.map(|a| field(grid + a * step) - field(grid - a * step)));
         assert!((LATTICE.world_gradient(grid, gradient).unwrap() - normal).length() < 1e-6);
     }
 }

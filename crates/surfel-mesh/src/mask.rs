@@ -4,8 +4,8 @@
 //! Runs on one rendered map before fusion. Invariant: a pixel is only ever removed, never changed, and each
 //! removal is counted once, under the first reason in the order of [`MaskCounts`].
 
-use crate::view::is_depth;
-use surfel_core::{Camera, Grid, normals::normals_from_depth};
+use crate::{normals_to_the_rim, view::is_depth};
+use surfel_core::{Camera, Grid};
 
 /// What counts as unreliable.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,21 +20,13 @@ pub struct MaskConfig {
 
 impl Default for MaskConfig {
     fn default() -> Self {
-        Self {
-            max_angle_deg: 80.0,
-            max_depth_jump: 0.02,
-            border: 4,
-        }
+        Self { max_angle_deg: 80.0, max_depth_jump: 0.02, border: 4 }
     }
 }
 
 impl MaskConfig {
     /// Removes nothing but pixels without usable depth.
-    pub const KEEP_ALL: Self = Self {
-        max_angle_deg: 90.0,
-        max_depth_jump: f64::INFINITY,
-        border: 0,
-    };
+    pub const KEEP_ALL: Self = Self { max_angle_deg: 90.0, max_depth_jump: f64::INFINITY, border: 0 };
 }
 
 /// Pixels removed from one map, by reason.
@@ -54,32 +46,27 @@ pub struct MaskCounts {
 
 /// The depth map with unreliable pixels set to 0, and the count of what was removed.
 ///
-/// `normals` are unit normals in the camera frame; without them they are taken from the depth map. Pixels
-/// whose normal is unknown are not judged by angle. Expects `depth` (and `normals`) at the camera's size.
+/// `normals` are unit normals in the camera frame; without them [`normals_to_the_rim`] takes them from
+/// the depth map. Pixels whose normal is unknown are not judged by angle. Expects `depth` (and `normals`) at the camera's size.
 pub fn mask_unreliable(
     depth: &Grid<f32>,
     camera: &Camera,
     normals: Option<&Grid<Option<[f32; 3]>>>,
     config: &MaskConfig,
 ) -> (Grid<f32>, MaskCounts) {
-    let own_normals = normals
-        .is_none()
-        .then(|| normals_from_depth(depth, &camera.intrinsics));
+    let own_normals = normals.is_none().then(|| normals_to_the_rim(depth, &camera.intrinsics));
     let normals = normals.or(own_normals.as_ref());
     let min_facing = config.max_angle_deg.clamp(0.0, 90.0).to_radians().cos();
     let mut counts = MaskCounts::default();
     let masked = Grid::from_fn(depth.width(), depth.height(), |x, y| {
-        let normal =
-            normals.and_then(|normals| normals.get(x as isize, y as isize).copied().flatten());
+        let normal = normals.and_then(|normals| normals.get(x as isize, y as isize).copied().flatten());
         let reason = if !is_depth(depth[(x, y)]) {
             &mut counts.without_depth
         } else if in_border(depth, x, y, config.border) {
             &mut counts.border
         } else if largest_jump(depth, x, y) > config.max_depth_jump {
             &mut counts.depth_edge
-        } else if config.max_angle_deg < 90.0
-            && normal.is_some_and(|n| facing(camera, x, y, n) < min_facing)
-        {
+        } else if config.max_angle_deg < 90.0 && normal.is_some_and(|n| facing(camera, x, y, n) < min_facing) {
             &mut counts.grazing
         } else {
             counts.kept += 1;

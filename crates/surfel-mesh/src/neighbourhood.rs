@@ -49,13 +49,10 @@ impl Neighbourhood {
         for z in -1..=BLOCK + 1 {
             for y in -1..=BLOCK + 1 {
                 let row = ((z + 1) as usize * SIDE + (y + 1) as usize) * SIDE;
-                let start =
-                    (z.rem_euclid(BLOCK) * BLOCK + y.rem_euclid(BLOCK)) as usize * BLOCK as usize;
-                for (dx, from, to) in [
-                    (-1, BLOCK as usize - 1..BLOCK as usize, 0),
-                    (0, 0..BLOCK as usize, 1),
-                    (1, 0..2, SIDE - 2),
-                ] {
+                let start = (z.rem_euclid(BLOCK) * BLOCK + y.rem_euclid(BLOCK)) as usize * BLOCK as usize;
+                for (dx, from, to) in
+                    [(-1, BLOCK as usize - 1..BLOCK as usize, 0), (0, 0..BLOCK as usize, 1), (1, 0..2, SIDE - 2)]
+                {
                     let step = IVec3::new(dx, y.div_euclid(BLOCK), z.div_euclid(BLOCK));
                     if let Some(source) = neighbours[Self::neighbour(step)] {
                         let source = &tsdf.field[source * BLOCK_VOXELS + start..][from];

@@ -100,9 +100,7 @@ impl<'a> Observer<'a> {
     /// Image position (index coordinates) and z-depth (voxels) of an offset in front of the camera.
     pub fn project(&self, offset: DVec3) -> Option<([f32; 2], f32)> {
         let p = self.rotation * offset + self.translation;
-        let position = |axis: usize| {
-            (f64::from(self.focal[axis]) * p[axis] / p.z) as f32 + self.principal[axis]
-        };
+        let position = |axis: usize| (f64::from(self.focal[axis]) * p[axis] / p.z) as f32 + self.principal[axis];
         (p.z > 0.0).then(|| ([position(0), position(1)], p.z as f32))
     }
 
@@ -116,10 +114,7 @@ impl<'a> Observer<'a> {
             Cell::Edge(pixel, at) => self.on_tangent_plane(pixel, at),
         };
         let weight = self.weight.map_or(1.0, |w| w.as_slice()[nearest]);
-        (inverse > 0.0).then(|| Sample {
-            depth: 1.0 / inverse,
-            weight,
-        })
+        (inverse > 0.0).then(|| Sample { depth: 1.0 / inverse, weight })
     }
 
     /// Colour at an image position, bilinear within one surface, else that of the nearest pixel; `None`
@@ -129,9 +124,7 @@ impl<'a> Observer<'a> {
         let colour = match self.cell(u, v)?.1 {
             Cell::Smooth(corner, at) => {
                 let [top, bottom] = [&pixels[corner..][..2], &pixels[corner + self.width..][..2]];
-                std::array::from_fn(|i| {
-                    bilinear([top[0][i], top[1][i], bottom[0][i], bottom[1][i]], at)
-                })
+                std::array::from_fn(|i| bilinear([top[0][i], top[1][i], bottom[0][i], bottom[1][i]], at))
             }
             Cell::Edge(pixel, _) => pixels[pixel],
         };
@@ -154,10 +147,7 @@ impl<'a> Observer<'a> {
             let [a, b, c, d] = self.square(corner);
             let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
             if low > 0.0 && high <= low * self.max_ratio {
-                return Some((
-                    nearest,
-                    Cell::Smooth(corner, [u - left as f32, v - top as f32]),
-                ));
+                return Some((nearest, Cell::Smooth(corner, [u - left as f32, v - top as f32])));
             }
         }
         Some((nearest, Cell::Edge(nearest, [u - x as f32, v - y as f32])))
@@ -166,10 +156,7 @@ impl<'a> Observer<'a> {
     /// Inverse depth of a pixel and the 2x2 cell it starts.
     #[inline]
     fn square(&self, corner: usize) -> [f32; 4] {
-        let [top, bottom] = [
-            &self.inverse_depth[corner..][..2],
-            &self.inverse_depth[corner + self.width..][..2],
-        ];
+        let [top, bottom] = [&self.inverse_depth[corner..][..2], &self.inverse_depth[corner + self.width..][..2]];
         [top[0], top[1], bottom[0], bottom[1]]
     }
 
@@ -181,11 +168,7 @@ impl<'a> Observer<'a> {
         }
         let (x, y) = (pixel % self.width, pixel / self.width);
         let rise = |inside: bool, neighbour: usize| {
-            let there = if inside {
-                self.inverse_depth[neighbour]
-            } else {
-                0.0
-            };
+            let there = if inside { self.inverse_depth[neighbour] } else { 0.0 };
             let same = there > 0.0 && there.max(here) <= there.min(here) * self.max_ratio;
             same.then_some(there - here)
         };
@@ -195,14 +178,8 @@ impl<'a> Observer<'a> {
             (Some(before), None) => -before,
             (None, None) => 0.0,
         };
-        let across = slope(
-            rise(x > 0, pixel.wrapping_sub(1)),
-            rise(x + 1 < self.width, pixel + 1),
-        );
-        let down = slope(
-            rise(y > 0, pixel.wrapping_sub(self.width)),
-            rise(y + 1 < self.height, pixel + self.width),
-        );
+        let across = slope(rise(x > 0, pixel.wrapping_sub(1)), rise(x + 1 < self.width, pixel + 1));
+        let down = slope(rise(y > 0, pixel.wrapping_sub(self.width)), rise(y + 1 < self.height, pixel + self.width));
         here + across * du + down * dv
     }
 }

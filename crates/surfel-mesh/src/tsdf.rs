@@ -53,8 +53,8 @@ impl TsdfConfig {
     }
 
     /// The automatic choice: the voxel edge is the median over all valid pixels of `depth / focal`, the width
-    /// of a pixel on the surface; voxels start to grow at twice the median distance from the mean camera
-    /// centre, where a pixel is about two voxels wide. `None` when no pixel has depth.
+    /// of a pixel on the surface; voxels start to grow at 1.5 times the median distance from the mean
+    /// camera centre: beyond an object, before a background. `None` when no pixel has depth.
     pub fn from_pixel_footprint(views: &[DepthView<'_>]) -> Option<Self> {
         let centre = mean_centre(views);
         let (mut footprints, mut distances) = (Vec::new(), Vec::new());
@@ -67,20 +67,13 @@ impl TsdfConfig {
             }
         }
         let voxel = median(&mut footprints)?;
-        Some(Self {
-            uniform_radius: 2.0 * median(&mut distances)?,
-            ..Self::uniform(voxel)
-        })
+        Some(Self { uniform_radius: 1.5 * median(&mut distances)?, ..Self::uniform(voxel) })
     }
 
     fn check(&self) -> Result<(), MeshError> {
         let positive = |name, value: f64| {
             let usable = value > 0.0 && (value.is_finite() || name == "the uniform radius");
-            if usable {
-                Ok(())
-            } else {
-                Err(MeshError::BadLength { name, value })
-            }
+            if usable { Ok(()) } else { Err(MeshError::BadLength { name, value }) }
         };
         positive("the voxel edge", self.voxel)?;
         positive("the truncation", self.truncation)?;
@@ -138,10 +131,14 @@ impl Tsdf<'_> {
         Some(self.field[block * BLOCK_VOXELS + index as usize]).filter(|value| !value.is_nan())
     }
 
+    /// True when the voxel lies in an allocated block, observed or not.
+    pub fn is_allocated(&self, voxel: IVec3) -> bool {
+        self.block_index(voxel.div_euclid(IVec3::splat(BLOCK))).is_some()
+    }
+
     /// World position of a voxel, scene units.
     pub fn position(&self, voxel: IVec3) -> DVec3 {
-        self.lattice
-            .world_from_offset(self.lattice.offset_from_grid(voxel.as_dvec3()))
+        self.lattice.world_from_offset(self.lattice.offset_from_grid(voxel.as_dvec3()))
     }
 
     /// First and one past the last voxel of the allocated blocks, per axis.
@@ -170,15 +167,10 @@ pub fn fuse<'a>(views: &[DepthView<'a>], config: &TsdfConfig) -> Result<Tsdf<'a>
         view.check(index)?;
     }
     let lattice = lattice_of(views, config);
-    let (observers, cut): (Vec<_>, Vec<_>) = views
-        .par_iter()
-        .map(|view| Observer::new(view, &lattice, config))
-        .unzip();
+    let (observers, cut): (Vec<_>, Vec<_>) = views.par_iter().map(|view| Observer::new(view, &lattice, config)).unzip();
     let blocks = touched_blocks(&observers, &lattice, config)?;
     if blocks.is_empty() {
-        return Err(MeshError::NoDepth {
-            num_views: views.len(),
-        });
+        return Err(MeshError::NoDepth { num_views: views.len() });
     }
     let truncation = (config.truncation / config.voxel) as f32;
     let mut field = vec![f32::NAN; blocks.len() * BLOCK_VOXELS];
@@ -187,24 +179,12 @@ pub fn fuse<'a>(views: &[DepthView<'a>], config: &TsdfConfig) -> Result<Tsdf<'a>
         .zip(&blocks)
         .map(|(field, block)| integrate(field, *block, &observers, &lattice, truncation))
         .collect();
-    Ok(Tsdf {
-        lattice,
-        truncation,
-        observers,
-        blocks,
-        field,
-        signs,
-        num_cut_pixels: cut.iter().sum(),
-    })
+    Ok(Tsdf { lattice, truncation, observers, blocks, field, signs, num_cut_pixels: cut.iter().sum() })
 }
 
 /// The grid of a set of views: origin at the mean camera centre, a choice free of the unit.
 pub(crate) fn lattice_of(views: &[DepthView<'_>], config: &TsdfConfig) -> Lattice {
-    Lattice {
-        origin: mean_centre(views),
-        voxel: config.voxel,
-        uniform_radius: config.uniform_radius / config.voxel,
-    }
+    Lattice { origin: mean_centre(views), voxel: config.voxel, uniform_radius: config.uniform_radius / config.voxel }
 }
 
 fn mean_centre(views: &[DepthView<'_>]) -> DVec3 {
@@ -232,17 +212,8 @@ impl Sums {
     }
 }
 
-fn integrate(
-    field: &mut [f32],
-    block: IVec3,
-    observers: &[Observer<'_>],
-    lattice: &Lattice,
-    truncation: f32,
-) -> Signs {
-    let mut sums = Sums {
-        distance: [0.0; BLOCK_VOXELS],
-        weight: [0.0; BLOCK_VOXELS],
-    };
+fn integrate(field: &mut [f32], block: IVec3, observers: &[Observer<'_>], lattice: &Lattice, truncation: f32) -> Signs {
+    let mut sums = Sums { distance: [0.0; BLOCK_VOXELS], weight: [0.0; BLOCK_VOXELS] };
     let first = (block * BLOCK).as_dvec3();
     let last = first.abs().max((first + f64::from(BLOCK - 1)).abs());
     let cubic = last.length() <= lattice.uniform_radius;
@@ -254,8 +225,7 @@ fn integrate(
         }
     }
     let mut signs = Signs::default();
-    for (value, (distance, weight)) in field.iter_mut().zip(sums.distance.iter().zip(&sums.weight))
-    {
+    for (value, (distance, weight)) in field.iter_mut().zip(sums.distance.iter().zip(&sums.weight)) {
         if *weight > 0.0 {
             *value = distance / weight;
             signs.any_inside |= *value < 0.0;
@@ -286,19 +256,9 @@ fn integrate_cubic(sums: &mut Sums, first: DVec3, observer: &Observer<'_>, trunc
     }
 }
 
-fn integrate_compressed(
-    sums: &mut Sums,
-    first: DVec3,
-    observer: &Observer<'_>,
-    lattice: &Lattice,
-    truncation: f32,
-) {
+fn integrate_compressed(sums: &mut Sums, first: DVec3, observer: &Observer<'_>, lattice: &Lattice, truncation: f32) {
     for index in 0..BLOCK_VOXELS {
-        let local = IVec3::new(
-            index as i32 % BLOCK,
-            index as i32 / BLOCK % BLOCK,
-            index as i32 / (BLOCK * BLOCK),
-        );
+        let local = IVec3::new(index as i32 % BLOCK, index as i32 / BLOCK % BLOCK, index as i32 / (BLOCK * BLOCK));
         let offset = lattice.offset_from_grid(first + local.as_dvec3());
         let Some(([u, v], z)) = observer.project(offset) else {
             continue;

@@ -36,10 +36,7 @@ pub(crate) fn vertex_on_edge(
     let grid = low.lerp(high, f64::from(along));
     let offset = tsdf.lattice.offset_from_grid(grid);
     let gradient = gradient(around, start).lerp(gradient(around, end), f64::from(along));
-    let normal = tsdf
-        .lattice
-        .world_gradient(grid, gradient)
-        .unwrap_or(DVec3::ZERO);
+    let normal = tsdf.lattice.world_gradient(grid, gradient).unwrap_or(DVec3::ZERO);
     let colour = colour_at(tsdf, offset).or_else(|| {
         let ends = [low, high].map(|end| colour_at(tsdf, tsdf.lattice.offset_from_grid(end)));
         ends[0].or(ends[1])
@@ -80,10 +77,7 @@ fn colour_at(tsdf: &Tsdf<'_>, offset: DVec3) -> Option<[u8; 3]> {
         let Some(([u, v], z)) = observer.project(offset) else {
             continue;
         };
-        let Some(sample) = observer
-            .sample(u, v)
-            .filter(|sample| (sample.depth - z).abs() <= reach)
-        else {
+        let Some(sample) = observer.sample(u, v).filter(|sample| (sample.depth - z).abs() <= reach) else {
             continue;
         };
         let Some(colour) = observer.colour(u, v) else {

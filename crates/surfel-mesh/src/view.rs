@@ -29,35 +29,17 @@ impl DepthView<'_> {
         let sizes = [
             ("depth", (self.depth.width(), self.depth.height())),
             ("colour", (self.colour.width(), self.colour.height())),
-            (
-                "weight",
-                self.weight
-                    .map_or((camera_width, camera_height), |w| (w.width(), w.height())),
-            ),
+            ("weight", self.weight.map_or((camera_width, camera_height), |w| (w.width(), w.height()))),
         ];
         for (map, (width, height)) in sizes {
             if (width, height) != (camera_width, camera_height) {
-                return Err(MeshError::SizeMismatch {
-                    view,
-                    map,
-                    width,
-                    height,
-                    camera_width,
-                    camera_height,
-                });
+                return Err(MeshError::SizeMismatch { view, map, width, height, camera_width, camera_height });
             }
         }
         let (k, pose) = (&self.camera.intrinsics, &self.camera.camera_from_world);
         let focal = |f: f64| f.is_finite() && f > 0.0;
-        let finite = k.cx.is_finite()
-            && k.cy.is_finite()
-            && pose.rotation.is_finite()
-            && pose.translation.is_finite();
-        if focal(k.fx) && focal(k.fy) && finite {
-            Ok(())
-        } else {
-            Err(MeshError::BadCamera { view })
-        }
+        let finite = k.cx.is_finite() && k.cy.is_finite() && pose.rotation.is_finite() && pose.translation.is_finite();
+        if focal(k.fx) && focal(k.fy) && finite { Ok(()) } else { Err(MeshError::BadCamera { view }) }
     }
 
     /// Depth of pixel number `index` if it is usable.

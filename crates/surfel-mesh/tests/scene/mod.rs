@@ -25,28 +25,15 @@ impl Shot {
             let ray = camera.ray(Camera::pixel_centre(x, y));
             hit(centre, camera.camera_from_world.rotation.transpose() * ray)
         };
-        let depth = Grid::from_fn(camera.width, camera.height, |x, y| {
-            depth_of(x, y).unwrap_or(0.0) as f32
-        });
+        let depth = Grid::from_fn(camera.width, camera.height, |x, y| depth_of(x, y).unwrap_or(0.0) as f32);
         let colour = Grid::from_fn(camera.width, camera.height, |x, y| {
-            depth_of(x, y).map_or([0.0; 3], |z| {
-                colour(camera.unproject(Camera::pixel_centre(x, y), z))
-            })
+            depth_of(x, y).map_or([0.0; 3], |z| colour(camera.unproject(Camera::pixel_centre(x, y), z)))
         });
-        Self {
-            camera,
-            depth,
-            colour,
-        }
+        Self { camera, depth, colour }
     }
 
     pub fn view(&self) -> DepthView<'_> {
-        DepthView {
-            camera: &self.camera,
-            depth: &self.depth,
-            colour: &self.colour,
-            weight: None,
-        }
+        DepthView { camera: &self.camera, depth: &self.depth, colour: &self.colour, weight: None }
     }
 
     /// The same shot of the scene in another unit.
@@ -63,32 +50,13 @@ pub fn views(shots: &[Shot]) -> Vec<DepthView<'_>> {
 }
 
 /// A camera at `position` that looks at `target`, with a focal length of `focal` pixels.
-pub fn looking_at(
-    position: DVec3,
-    target: DVec3,
-    width: usize,
-    height: usize,
-    focal: f64,
-) -> Camera {
+pub fn looking_at(position: DVec3, target: DVec3, width: usize, height: usize, focal: f64) -> Camera {
     let forward = (target - position).normalize();
     let right = DVec3::Y.cross(forward).normalize();
     let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-    let intrinsics = Intrinsics {
-        fx: focal,
-        fy: focal,
-        cx: width as f64 / 2.0 + 0.3,
-        cy: height as f64 / 2.0 - 0.7,
-    };
-    let camera_from_world = Rigid {
-        rotation,
-        translation: -(rotation * position),
-    };
-    Camera {
-        intrinsics,
-        width,
-        height,
-        camera_from_world,
-    }
+    let intrinsics = Intrinsics { fx: focal, fy: focal, cx: width as f64 / 2.0 + 0.3, cy: height as f64 / 2.0 - 0.7 };
+    let camera_from_world = Rigid { rotation, translation: -(rotation * position) };
+    Camera { intrinsics, width, height, camera_from_world }
 }
 
 pub fn sphere(centre: DVec3, radius: f64) -> impl Fn(DVec3, DVec3) -> Option<f64> {
@@ -97,9 +65,7 @@ pub fn sphere(centre: DVec3, radius: f64) -> impl Fn(DVec3, DVec3) -> Option<f64
         let nearest = to_centre.dot(ray) / length_sq;
         let gap_sq = (to_centre - ray * nearest).length_squared();
         let half_sq = (radius * radius - gap_sq) / length_sq;
-        (half_sq > 0.0)
-            .then(|| nearest - half_sq.sqrt())
-            .filter(|t| *t > 0.0)
+        (half_sq > 0.0).then(|| nearest - half_sq.sqrt()).filter(|t| *t > 0.0)
     }
 }
 
@@ -109,42 +75,24 @@ pub fn plane(point: DVec3, normal: DVec3) -> impl Fn(DVec3, DVec3) -> Option<f64
 
 /// Six cameras around the origin that see all of a unit sphere.
 pub fn cameras_all_around(size: usize) -> Vec<Camera> {
-    [
-        DVec3::X,
-        DVec3::NEG_X,
-        DVec3::Z,
-        DVec3::NEG_Z,
-        DVec3::new(0.1, 1.0, 0.0),
-        DVec3::new(0.1, -1.0, 0.0),
-    ]
-    .map(|direction| looking_at(direction * 4.0, DVec3::ZERO, size, size, size as f64 * 1.6))
-    .to_vec()
+    [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z, DVec3::new(0.1, 1.0, 0.0), DVec3::new(0.1, -1.0, 0.0)]
+        .map(|direction| looking_at(direction * 4.0, DVec3::ZERO, size, size, size as f64 * 1.6))
+        .to_vec()
 }
 
 /// A unit sphere at the origin seen from all around; its colour is its position.
 pub fn sphere_shots(size: usize) -> Vec<Shot> {
     let hit = sphere(DVec3::ZERO, 1.0);
-    cameras_all_around(size)
-        .into_iter()
-        .map(|camera| Shot::take(camera, &hit, &position_colour))
-        .collect()
+    cameras_all_around(size).into_iter().map(|camera| Shot::take(camera, &hit, &position_colour)).collect()
 }
 
 /// Two views of a sphere before a slanted wall: depth edges, occlusion and two surfaces.
 pub fn sphere_and_wall() -> Vec<Shot> {
-    let (ball, wall) = (
-        sphere(DVec3::new(0.1, 0.0, 3.0), 0.5),
-        plane(DVec3::Z * 4.5, DVec3::new(0.3, 0.1, -1.0).normalize()),
-    );
+    let (ball, wall) =
+        (sphere(DVec3::new(0.1, 0.0, 3.0), 0.5), plane(DVec3::Z * 4.5, DVec3::new(0.3, 0.1, -1.0).normalize()));
     let hit = move |from: DVec3, ray: DVec3| ball(from, ray).or_else(|| wall(from, ray));
     [-0.3, 0.3]
-        .map(|x| {
-            Shot::take(
-                looking_at(DVec3::X * x, DVec3::Z * 3.0, 96, 72, 90.0),
-                &hit,
-                &position_colour,
-            )
-        })
+        .map(|x| Shot::take(looking_at(DVec3::X * x, DVec3::Z * 3.0, 96, 72, 90.0), &hit, &position_colour))
         .to_vec()
 }
 
@@ -157,9 +105,7 @@ pub fn edge_uses(mesh: &TriMesh) -> BTreeMap<(u32, u32), Vec<bool>> {
     let mut uses: BTreeMap<_, Vec<bool>> = BTreeMap::new();
     for [a, b, c] in &mesh.triangles {
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            uses.entry((*from.min(to), *from.max(to)))
-                .or_default()
-                .push(from < to);
+            uses.entry((*from.min(to), *from.max(to))).or_default().push(from < to);
         }
     }
     uses
