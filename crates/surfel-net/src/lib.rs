@@ -5,7 +5,7 @@
 //! names a burn type.
 
 pub mod features;
-mod ops;
+pub mod ops;
 pub mod weights;
 
 pub use features::{FeatureExtractor, FeatureMap, Stage};

@@ -1,7 +1,13 @@
-//! Numeric kernels on plain slices.
+//! Numeric kernels on plain slices, and the two of them that burn differentiates through.
 //!
 //! Written over `pulp::Simd`, which picks the vector instructions of the machine at run time without
 //! unsafe code. Invariant: results do not depend on the number of threads.
 
 pub(crate) mod depthwise;
+pub mod gather_attention;
+mod join;
+pub mod plane_sweep;
 pub(crate) mod pointwise;
+mod vector;
+
+pub use join::{gather_attention, plane_sweep};

@@ -1,11 +1,10 @@
 //! The feature extractor against plain loops, its geometry, and what it says about damaged weights.
 
-mod trunk_twin;
-
+use crate::trunk_twin;
 use surfel_core::Grid;
 use surfel_net::{FeatureExtractor, Stage, WeightsError};
 
-const WEIGHTS: &[u8] = include_bytes!("../weights/efficientnet_lite0_trunk_s16_f16.safetensors");
+const WEIGHTS: &[u8] = include_bytes!("../../weights/efficientnet_lite0_trunk_s16_f16.safetensors");
 const ALL: [Stage; 3] = [Stage::S4, Stage::S8, Stage::S16];
 
 /// A deterministic image with structure at every scale.
