@@ -164,3 +164,73 @@ fn from_frusta(view: &Camera, neighbours: &[Neighbour]) -> Result<Bounds, Bounds
     );
     Ok(Bounds { near, far, source: BoundsSource::Frusta, num_points: 0, sentence })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_pairs::{looking_at_origin, noiseless, scene_points, toed_in};
+    use proptest::prelude::*;
+
+    fn of(unit: f64, points: &[DVec3], matches: &[Match]) -> Bounds {
+        let (a, b) = toed_in(unit);
+        bounds(&a, points, &[Neighbour { camera: &b, matches }]).expect("the views overlap")
+    }
+
+    #[test]
+    fn the_best_evidence_is_used_and_holds_the_scene() {
+        let (a, b) = toed_in(1.0);
+        let depths: Vec<f64> = scene_points(1.0).iter().filter_map(|&p| a.project(p)).map(|(_, z)| z).collect();
+        let (nearest, farthest) = depths.iter().fold((f64::MAX, 0.0f64), |(lo, hi), &z| (lo.min(z), hi.max(z)));
+        let matches = noiseless(&a, &b, 1.0);
+        let from_points = of(1.0, &scene_points(1.0), &matches);
+        let from_matches = of(1.0, &[], &matches);
+        let from_frusta = of(1.0, &[], &[]);
+        assert_eq!(from_points.source, BoundsSource::Points);
+        assert_eq!(from_matches.source, BoundsSource::Matches);
+        assert_eq!(from_frusta.source, BoundsSource::Frusta);
+        for found in [&from_points, &from_matches, &from_frusta] {
+            assert!(found.near < nearest && found.far > farthest, "{found:?} does not hold {nearest} to {farthest}");
+        }
+        let ratio = |bounds: &Bounds| bounds.far / bounds.near;
+        assert!(ratio(&from_points) < ratio(&from_matches), "matches deserve the wider margin");
+        assert!(ratio(&from_matches) < ratio(&from_frusta), "frusta know least");
+        assert!(ratio(&from_points) < 1.5 * farthest / nearest, "points know the scene: {from_points:?}");
+    }
+
+    #[test]
+    fn a_few_wild_points_and_wrong_matches_change_little() {
+        let (a, b) = toed_in(1.0);
+        let mut matches = noiseless(&a, &b, 1.0);
+        let clean = of(1.0, &[], &matches);
+        matches.iter_mut().step_by(10).for_each(|m| m.b.y += 25.0);
+        let dirty = of(1.0, &[], &matches);
+        assert!((dirty.near / clean.near - 1.0).abs() < 0.1 && (dirty.far / clean.far - 1.0).abs() < 0.1, "{dirty:?}");
+    }
+
+    #[test]
+    fn hopeless_views_say_why() {
+        let (a, _) = toed_in(1.0);
+        let alone = bounds(&a, &[], &[Neighbour { camera: &a, matches: &[] }]);
+        assert_eq!(alone, Err(BoundsError::NoBaseline));
+        let mut behind = looking_at_origin(DVec3::new(0.0, 0.1, 8.0));
+        behind.camera_from_world.translation.z -= 40.0;
+        let apart = bounds(&a, &[], &[Neighbour { camera: &behind, matches: &[] }]);
+        assert_eq!(apart, Err(BoundsError::NoOverlap));
+    }
+
+    proptest! {
+        #[test]
+        fn bounds_scale_with_the_scene(exponent in -3.0f64..3.0) {
+            let unit = 10f64.powf(exponent);
+            let matches = |unit| { let (a, b) = toed_in(unit); noiseless(&a, &b, unit) };
+            for (one, other) in [
+                (of(1.0, &scene_points(1.0), &[]), of(unit, &scene_points(unit), &[])),
+                (of(1.0, &[], &matches(1.0)), of(unit, &[], &matches(unit))),
+                (of(1.0, &[], &[]), of(unit, &[], &[])),
+            ] {
+                prop_assert!((other.near / (unit * one.near) - 1.0).abs() < 1e-6);
+                prop_assert!((other.far / (unit * one.far) - 1.0).abs() < 1e-6);
+            }
+        }
+    }
+}

@@ -96,3 +96,32 @@ fn pixel_inverse(k: &Intrinsics) -> DMat3 {
 fn cross_matrix(t: DVec3) -> DMat3 {
     DMat3::from_cols(DVec3::new(0.0, t.z, -t.y), DVec3::new(-t.z, 0.0, t.x), DVec3::new(t.y, -t.x, 0.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_pairs::{noiseless, toed_in};
+
+    #[test]
+    fn true_matches_lie_on_their_lines_and_shifted_ones_do_not() {
+        let (a, b) = toed_in(1.0);
+        let geometry = EpipolarGeometry::of(&a, &b).expect("a baseline");
+        for m in noiseless(&a, &b, 1.0) {
+            assert!(geometry.distance(&m) < 1e-9);
+            let line = geometry.line_in_b(m.a).expect("not the epipole");
+            let shifted = Match { b: m.b + 3.0 * line.truncate(), ..m };
+            assert!(geometry.distance(&shifted) >= 3.0 - 1e-9, "{}", geometry.distance(&shifted));
+            let swapped = EpipolarGeometry::of(&b, &a).expect("a baseline").distance(&shifted.swapped());
+            assert!((swapped - geometry.distance(&shifted)).abs() < 1e-6, "the distance is symmetric");
+        }
+    }
+
+    #[test]
+    fn one_place_has_no_lines_however_far_from_the_origin() {
+        let (a, _) = toed_in(1.0);
+        let far = surfel_core::Rigid { translation: DVec3::splat(1e6), ..surfel_core::Rigid::IDENTITY };
+        let away = Camera { camera_from_world: a.camera_from_world * far, ..a };
+        assert_eq!(EpipolarGeometry::of(&a, &a), None);
+        assert_eq!(EpipolarGeometry::of(&away, &away), None);
+    }
+}

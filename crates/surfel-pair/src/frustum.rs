@@ -56,3 +56,34 @@ pub fn overlap(a: &Camera, b: &Camera, near: f64, far: f64) -> f64 {
     };
     share(a, b).min(share(b, a))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_pairs::toed_in;
+
+    /// The slow obvious twin: walk along the ray.
+    #[test]
+    fn clipping_agrees_with_walking_along_the_ray() {
+        let (a, b) = toed_in(1.0);
+        for pixel in [DVec2::new(3.0, 5.0), DVec2::new(240.0, 180.0), DVec2::new(470.0, 350.0)] {
+            let range = visible_depths(&a, &b, pixel);
+            for step in 1..400 {
+                let depth = 0.05 * step as f64;
+                let walked = b.project(a.unproject(pixel, depth)).is_some_and(|(p, _)| b.contains(p));
+                let clipped = range.is_some_and(|(near, far)| near < depth && depth < far);
+                assert_eq!(walked, clipped, "pixel {pixel}, depth {depth}, range {range:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn opposite_views_share_nothing_and_equal_ones_everything() {
+        let (a, _) = toed_in(1.0);
+        let mut back = a;
+        back.camera_from_world.rotation = glam::DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)) * back.camera_from_world.rotation;
+        back.camera_from_world.translation = -(back.camera_from_world.rotation * (a.centre() - a.forward()));
+        assert_eq!(overlap(&a, &back, 0.0, f64::INFINITY), 0.0);
+        assert_eq!(overlap(&a, &a, 1.0, 2.0), 1.0);
+    }
+}

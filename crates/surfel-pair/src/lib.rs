@@ -6,6 +6,7 @@
 //! the unit of length of the scene.
 
 pub mod bounds;
+pub mod choose;
 pub mod consensus;
 pub mod descriptor;
 pub mod epipolar;
@@ -14,16 +15,21 @@ pub mod frustum;
 pub mod keypoints;
 pub mod matching;
 pub mod mistake;
+pub mod pair_geometry;
 pub mod plausible;
 pub mod pyramid;
 pub mod sanity;
+#[cfg(test)]
+mod test_pairs;
 pub mod triangulate;
 
 pub use bounds::{Bounds, BoundsError, BoundsSource, Neighbour, bounds};
+pub use choose::{Choice, ChooseError, choose_pair, choose_views, neighbours};
 pub use consensus::{Consensus, consensus};
 pub use epipolar::EpipolarGeometry;
 pub use epipolar_picture::epipolar_picture;
 pub use matching::{Features, Match, match_features, match_views};
 pub use mistake::{IntrinsicsMistake, Mistake, PoseMistake};
+pub use pair_geometry::{PairGeometry, SparsePoint};
 pub use sanity::{Status, Verdict, check_pair};
 pub use triangulate::{Side, Triangulated, triangulate};

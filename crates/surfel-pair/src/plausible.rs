@@ -6,6 +6,9 @@
 use crate::epipolar::has_no_baseline;
 use crate::frustum::overlap;
 use crate::mistake::NORMALISED_FOCAL;
+use crate::triangulate::triangulate;
+use crate::Match;
+use glam::DVec2;
 use surfel_core::Camera;
 
 /// Fields of view outside this range, degrees, are no photographs of a pinhole camera.
@@ -76,6 +79,14 @@ pub fn oddities(a: &Camera, b: &Camera) -> Vec<Oddity> {
         found.push(Oddity::PrincipalPoint(offset));
     }
     found
+}
+
+/// True when the optical axes come nearest to each other clearly behind both cameras. Views that look outwards do
+/// so too: odd only together with matches that disagree.
+pub(crate) fn axes_diverge(a: &Camera, b: &Camera) -> bool {
+    let principal = |camera: &Camera| DVec2::new(camera.intrinsics.cx, camera.intrinsics.cy);
+    let axes = Match { a: principal(a), b: principal(b), score: 0.0 };
+    triangulate(a, b, &axes).is_some_and(|t| t.parallax > 2f64.to_radians() && t.depth_a < 0.0 && t.depth_b < 0.0)
 }
 
 fn is_camera(camera: &Camera) -> bool {

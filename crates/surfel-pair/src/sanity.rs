@@ -8,7 +8,7 @@
 use crate::consensus::consensus;
 use crate::epipolar::{EpipolarGeometry, inlier_distance, median};
 use crate::mistake::{IntrinsicsMistake, Mistake, PoseMistake};
-use crate::plausible::{Oddity, oddities, principal_offset};
+use crate::plausible::{Oddity, axes_diverge, oddities, principal_offset};
 use crate::triangulate::{Side, side};
 use crate::{Match, frustum};
 use serde::{Deserialize, Serialize};
@@ -73,7 +73,7 @@ pub fn check_pair(a: &Camera, b: &Camera, matches: &[Match]) -> Verdict {
         num_inliers: 0,
         sentence,
     };
-    if oddities.contains(&Oddity::NotACamera) || oddities.contains(&Oddity::NoBaseline) {
+    if oddities.contains(&Oddity::NotACamera) {
         return verdict(Status::Wrong, oddities[0].sentence());
     }
     // A wrong but self-consistent clique of matches must not speak against cameras that explain more.
@@ -109,13 +109,17 @@ pub fn check_pair(a: &Camera, b: &Camera, matches: &[Match]) -> Verdict {
         } else {
             (Status::Suspicious, "the poses or the intrinsics are inaccurate")
         };
-        let complaint = complaint(&oddities, &given, witnesses.len());
-        let sentence = format!("{complaint}, and no known mistake of convention explains it: {reason}.");
+        let complaint = complaint(a, b, &oddities, &given, witnesses.len());
+        let sentence = if oddities.contains(&Oddity::NoBaseline) {
+            oddities[0].sentence()
+        } else {
+            format!("{complaint}, and no known mistake of convention explains it: {reason}.")
+        };
         return Verdict { status, sentence, ..base };
     };
     let sentence = format!(
         "{}; with {} {} of {} matches agree to {:.1} px: {}.",
-        complaint(&oddities, &given, witnesses.len()),
+        complaint(a, b, &oddities, &given, witnesses.len()),
         best.mistake.label(),
         best.support.count,
         witnesses.len(),
@@ -192,12 +196,15 @@ fn explanations(a: &Camera, b: &Camera, witnesses: &[Match]) -> Vec<Explanation>
 }
 
 /// The first half of a bad verdict: what does not fit.
-fn complaint(oddities: &[Oddity], given: &Support, num_witnesses: usize) -> String {
+fn complaint(a: &Camera, b: &Camera, oddities: &[Oddity], given: &Support, num_witnesses: usize) -> String {
     if let Some(oddity) = oddities.first() {
         return oddity.sentence().trim_end_matches('.').to_string();
     }
     if given.behind > given.count && 2 * given.behind > num_witnesses {
         return format!("{} of {num_witnesses} matches lie behind the cameras", given.behind);
+    }
+    if axes_diverge(a, b) {
+        return "The cameras look away from each other".into();
     }
     let distance = given.median_px.unwrap_or(f64::INFINITY);
     format!("The matches miss their epipolar lines by {distance:.1} px (median of {num_witnesses})")
@@ -245,6 +252,9 @@ fn without_witness(
         let sentence = "Too few reliable matches between the views to judge the cameras.".to_string();
         return verdict(Status::CannotTell, sentence);
     };
+    if oddity == Oddity::NoBaseline {
+        return verdict(Status::Wrong, oddity.sentence());
+    }
     let hint = match oddity {
         Oddity::NothingInCommon => Some(Mistake::Pose(PoseMistake::OpenGlAxes)),
         Oddity::Normalised => Some(Mistake::Intrinsics(IntrinsicsMistake::Normalised)),

@@ -66,3 +66,42 @@ pub fn side(a: &Camera, b: &Camera, m: &Match) -> Side {
         _ => Side::TooFar,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_pairs::{noiseless, scene_points, toed_in};
+
+    #[test]
+    fn a_noiseless_match_gives_its_point_back() {
+        let (a, b) = toed_in(1.0);
+        for (m, point) in noiseless(&a, &b, 1.0).iter().zip(scene_points(1.0)) {
+            let t = triangulate(&a, &b, m).expect("rays meet");
+            assert!((t.point - point).length() < 1e-9);
+            assert!((t.depth_a - a.project(point).expect("in front").1).abs() < 1e-9);
+            assert!((t.depth_b - b.project(point).expect("in front").1).abs() < 1e-9);
+            assert!(t.reprojection_px < 1e-6);
+            assert_eq!(side(&a, &b, m), Side::Front);
+        }
+    }
+
+    #[test]
+    fn negated_baselines_put_the_scene_behind_and_parallel_rays_too_far() {
+        let (a, b) = toed_in(1.0);
+        let matches = noiseless(&a, &b, 1.0);
+        let exchanged = |camera: &Camera, centre: DVec3| {
+            let mut moved = *camera;
+            moved.camera_from_world.translation = -(moved.camera_from_world.rotation * centre);
+            moved
+        };
+        let (moved_a, moved_b) = (exchanged(&a, b.centre()), exchanged(&b, a.centre()));
+        assert!(matches.iter().all(|m| side(&moved_a, &moved_b, m) == Side::Behind));
+
+        let parallel = Camera { camera_from_world: surfel_core::Rigid::IDENTITY, ..a };
+        let mut beside = parallel;
+        beside.camera_from_world.translation.x = -1.0;
+        let same_pixel = Match { a: DVec2::splat(100.0), b: DVec2::splat(100.0), score: 1.0 };
+        assert_eq!(triangulate(&parallel, &beside, &same_pixel), None);
+        assert_eq!(side(&parallel, &beside, &same_pixel), Side::TooFar);
+    }
+}
