@@ -169,6 +169,9 @@ impl<'a> Reader<'a, '_> {
             Some(&accessor) => self.floats(accessor, "VEC2")?,
             None => Vec::new(),
         };
+        if uvs.iter().flatten().any(|v| !v.is_finite()) {
+            return Err("a texture coordinate is not a finite number".into());
+        }
         if !uvs.is_empty() && uvs.len() != positions.len() {
             return Err("a primitive has more positions than texture coordinates, or fewer".into());
         }

@@ -5,17 +5,20 @@
 
 use super::arrange::{Resting, choose_paint};
 use super::error::AssetError;
-use super::library::AssetLibrary;
+use super::library::{AssetLibrary, MeshEntry};
 use super::light::Lamp;
 use super::sampler::{Draft, SynthConfig};
-use super::stage::{Backdrop, Instance, Panel};
+use super::stage::{Backdrop, Instance, Paint, Panel};
 use crate::random::Random;
 use crate::rig::WalkRig;
+use crate::shape::Ray;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use surfel_core::Camera;
 
 /// File units above which an object of the library is itself a room (metres).
 const LARGEST_FURNITURE: f32 = 4.0;
+/// Millimetres of radius per metre of a piece's longest edge; a little more than half a metre for its diagonal.
+const METRES_TO_RADIUS: f64 = 620.0;
 
 /// Draws room, furniture, light and cameras.
 pub(super) fn draft(library: &AssetLibrary, config: &SynthConfig, random: &mut Random) -> Result<Draft, AssetError> {
@@ -104,40 +107,83 @@ fn posters(library: &AssetLibrary, size: DVec3, random: &mut Random) -> Result<V
     Ok(posters)
 }
 
+/// Pieces on the floor, then small things on the floor or on top of the pieces.
 fn furniture(
     library: &AssetLibrary,
     config: &SynthConfig,
     size: DVec3,
     random: &mut Random,
 ) -> Result<Vec<Instance>, AssetError> {
-    let usable = |entry: &&super::library::MeshEntry| {
-        !entry.has_tag("furniture") || entry.extent.iter().all(|&e| e < LARGEST_FURNITURE)
-    };
-    let all: Vec<_> = library.meshes().iter().filter(usable).collect();
-    let pieces: Vec<_> = all.iter().copied().filter(|entry| entry.has_tag("furniture")).collect();
-    let mut instances = Vec::new();
-    let mut taken: Vec<(DVec2, f64)> = Vec::new();
-    for _ in 0..3 + random.below(5) {
-        let is_piece = !pieces.is_empty() && random.chance(0.6);
-        let candidates = if is_piece { &pieces } else { &all };
-        let mesh = library.mesh(&candidates[random.below(candidates.len())].name)?;
-        // Furniture has its true size; small things are blown up to be seen across a room.
-        let radius =
-            if is_piece { 550.0 * f64::from(mesh.extent) * random.range(0.8, 1.2) } else { random.range(200.0, 550.0) };
-        let resting = Resting::new(mesh, radius, false, random);
-        let free = (0..40).find_map(|_| {
-            let margin = DVec2::splat(resting.footprint);
-            let low = DVec2::new(-0.5 * size.x, -0.15 * size.y) + margin;
-            let high = DVec2::new(0.5 * size.x, 0.5 * size.y) - margin;
-            let place = DVec2::new(random.range(low.x, high.x), random.range(low.y, high.y));
-            let is_free =
-                low.cmplt(high).all() && taken.iter().all(|(p, r)| p.distance(place) > 0.85 * (r + resting.footprint));
-            is_free.then_some(place)
-        });
-        let Some(place) = free.filter(|_| resting.height < size.z) else { continue };
-        taken.push((place, resting.footprint));
-        let paint = choose_paint(library, &resting.mesh, config.random_texture_share, random)?;
-        instances.push(resting.stand(place, 0.0, 1.0, paint, random));
+    let is_small = |entry: &&MeshEntry| !entry.has_tag("furniture");
+    let (things, pieces): (Vec<_>, Vec<_>) = library.meshes().iter().partition(is_small);
+    let mut pieces: Vec<_> = pieces.into_iter().filter(|p| p.extent.iter().all(|&e| e < LARGEST_FURNITURE)).collect();
+    let mut floor = Floor { size, instances: Vec::new(), taken: Vec::new() };
+    for _ in 0..2 + random.below(4) {
+        if pieces.is_empty() {
+            break;
+        }
+        // Each piece once: a room of five equal shelves looks like a warehouse.
+        let mesh = library.mesh(&pieces.swap_remove(random.below(pieces.len())).name)?;
+        let radius = METRES_TO_RADIUS * f64::from(mesh.extent) * random.range(0.8, 1.2);
+        let paint = choose_paint(library, &mesh, config.random_texture_share, random)?;
+        floor.place(Resting::new(mesh, radius, false, random), paint, random);
     }
-    Ok(instances)
+    for _ in 0..if things.is_empty() { 0 } else { 3 + random.below(6) } {
+        let mesh = library.mesh(&things[random.below(things.len())].name)?;
+        let paint = choose_paint(library, &mesh, config.random_texture_share, random)?;
+        let on_top = random.chance(0.6);
+        let radius = if on_top { random.range(90.0, 220.0) } else { random.range(200.0, 550.0) };
+        let resting = Resting::new(mesh, radius, false, random);
+        match floor.table_top(&resting, random).filter(|_| on_top) {
+            Some((place, height)) => floor.instances.push(resting.stand(place, height, 1.0, paint, random)),
+            None => floor.place(resting, paint, random),
+        }
+    }
+    Ok(floor.instances)
+}
+
+/// A room being filled.
+struct Floor {
+    size: DVec3,
+    instances: Vec<Instance>,
+    taken: Vec<(DVec2, f64)>,
+}
+
+impl Floor {
+    /// Stands an object where nothing else stands, in front of the walk; leaves it out when there is no room.
+    fn place(&mut self, resting: Resting, paint: Paint, random: &mut Random) {
+        let margin = DVec2::splat(resting.footprint);
+        let low = DVec2::new(-0.5 * self.size.x, -0.15 * self.size.y) + margin;
+        let high = DVec2::new(0.5 * self.size.x, 0.5 * self.size.y) - margin;
+        if !low.cmplt(high).all() || resting.height > self.size.z {
+            return;
+        }
+        let is_free = |place: DVec2| self.taken.iter().all(|(p, r)| p.distance(place) > 0.85 * (r + resting.footprint));
+        let tries = (0..40).map(|_| DVec2::new(random.range(low.x, high.x), random.range(low.y, high.y)));
+        let Some(place) = tries.collect::<Vec<_>>().into_iter().find(|&place| is_free(place)) else { return };
+        self.taken.push((place, resting.footprint));
+        self.instances.push(resting.stand(place, 0.0, 1.0, paint, random));
+    }
+
+    /// A level place on top of something: five rays from above must agree to a centimetre.
+    fn table_top(&self, resting: &Resting, random: &mut Random) -> Option<(DVec2, f64)> {
+        let reach = 0.7 * resting.footprint;
+        let around = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y].map(|d| d * reach);
+        for _ in 0..12 {
+            let (middle, radius) = self.taken.get(random.below(self.taken.len()))?;
+            let place = *middle + DVec2::from_angle(random.range(0.0, 6.28)) * (radius * 0.6 * random.unit());
+            let heights = around.map(|offset| self.height_below((place + offset).extend(self.size.z)));
+            let (low, high) = heights.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &h| (a.min(h), b.max(h)));
+            if high - low < 10.0 && low > 200.0 && high + resting.height < self.size.z {
+                return Some((place, high));
+            }
+        }
+        None
+    }
+
+    fn height_below(&self, point: DVec3) -> f64 {
+        let down = Ray { origin: point, direction: DVec3::NEG_Z };
+        let hits = self.instances.iter().filter_map(|instance| instance.intersect(&down, point.z));
+        hits.map(|hit| point.z - f64::from(hit.t)).fold(0.0, f64::max)
+    }
 }

@@ -142,7 +142,8 @@ impl Instance {
             && along + reach > 0.0
     }
 
-    fn intersect(&self, ray: &Ray, t_max: f64) -> Option<MeshHit> {
+    /// First hit of a world ray nearer than `t_max`, to `f32` precision.
+    pub fn intersect(&self, ray: &Ray, t_max: f64) -> Option<MeshHit> {
         if !self.may_meet(ray, t_max) {
             return None;
         }

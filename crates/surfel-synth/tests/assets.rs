@@ -1,0 +1,99 @@
+//! Scenes from the shared assets folder; skipped, loudly, where it is missing.
+#![cfg(feature = "assets")]
+
+use std::path::PathBuf;
+use surfel_synth::render::{NOTHING, SURROUNDINGS};
+use surfel_synth::{AssetError, AssetLibrary, RenderedView, SceneSampler, Split, SynthConfig, warp_statistics};
+
+fn folder() -> Option<PathBuf> {
+    let workspace = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let shared = std::env::var_os("SURFELSPLAT_SHARED").map_or_else(|| workspace.join("../shared"), PathBuf::from);
+    let assets = shared.join("data/assets");
+    if !assets.join("index.json").exists() {
+        eprintln!("SKIPPED: no assets at {}; set SURFELSPLAT_SHARED", assets.display());
+        return None;
+    }
+    Some(assets)
+}
+
+fn small() -> SynthConfig {
+    SynthConfig { width: 128, height: 104, num_objects: [1, 3], ..SynthConfig::default() }
+}
+
+fn same(a: &RenderedView, b: &RenderedView) -> bool {
+    a.view.image == b.view.image && a.depth == b.depth && a.normal == b.normal && a.object == b.object
+}
+
+#[test]
+fn the_two_sides_of_the_split_share_nothing() {
+    let Some(folder) = folder() else { return };
+    let train = AssetLibrary::open(&folder, Split::Train).unwrap();
+    let val = AssetLibrary::open(&folder, Split::Val).unwrap();
+    assert!(train.meshes().len() > 150 && val.meshes().len() > 15);
+    for entry in val.meshes() {
+        assert!(matches!(train.mesh(&entry.name), Err(AssetError::Unknown(_))), "{}", entry.name);
+    }
+}
+
+#[test]
+fn a_seed_gives_the_same_scene_on_any_number_of_threads_and_after_any_history() {
+    let Some(folder) = folder() else { return };
+    let render = |threads: usize, memory: usize, warm_up: Option<u64>| {
+        let library = AssetLibrary::open(&folder, Split::Val).unwrap().with_memory_limit(memory);
+        let sampler = SceneSampler::new(&library, small());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            if let Some(seed) = warm_up {
+                sampler.scene(seed).unwrap();
+            }
+            let scene = sampler.scene(11).unwrap();
+            [scene.render(1), scene.render(0)]
+        })
+    };
+    let (first, second) = (render(1, 1 << 30, None), render(3, 1, Some(5)));
+    assert!(same(&first[0], &second[0]) && same(&first[1], &second[1]));
+    assert!(!same(&first[0], &first[1]));
+}
+
+#[test]
+fn views_agree_with_each_other_and_with_their_masks() {
+    let Some(folder) = folder() else { return };
+    let library = AssetLibrary::open(&folder, Split::Val).unwrap();
+    for (room_share, seeds) in [(0.0, 0..6), (1.0, 6..8)] {
+        let config = SynthConfig { room_share, exposure_stops: 0.1, pair_angle_deg: [6.0, 12.0], ..small() };
+        let sampler = SceneSampler::new(&library, config);
+        for seed in seeds {
+            let scene = sampler.scene(seed).unwrap();
+            let (left, right) = (scene.render(0), scene.render(1));
+            let statistics = warp_statistics(&left, &right, 0.015);
+            println!("seed {seed}: {statistics:?}");
+            assert!(statistics.num_compared * 4 > statistics.num_with_depth, "seed {seed}: {statistics:?}");
+            assert!(statistics.median < 0.04, "seed {seed}: {statistics:?}");
+            for (&object, &depth) in left.object.as_slice().iter().zip(left.depth.as_slice()) {
+                assert_eq!(object == NOTHING, depth == 0.0);
+                assert!(
+                    object == NOTHING || object == SURROUNDINGS || usize::from(object) <= scene.stage.instances.len()
+                );
+            }
+            let on_objects = left.object_mask().as_slice().iter().filter(|&&on| on).count();
+            assert!(on_objects > 100, "seed {seed} shows no object");
+        }
+    }
+}
+
+#[test]
+fn clean_pairs_have_the_stated_geometry() {
+    let Some(folder) = folder() else { return };
+    let library = AssetLibrary::open(&folder, Split::Val).unwrap();
+    let scene = SceneSampler::new(&library, SynthConfig::clean_pair(160, 128)).scene(2).unwrap();
+    let baseline = (scene.cameras[0].centre() - scene.cameras[1].centre()).length();
+    assert!((baseline - 125.0).abs() < 1e-6, "{baseline}");
+    assert!((scene.cameras[0].intrinsics.fx - 1.8 * 160.0).abs() < 1e-9);
+    let view = scene.render(0);
+    let objects = view.object_mask();
+    let mut depths: Vec<f32> =
+        view.depth.as_slice().iter().zip(objects.as_slice()).filter(|(_, on)| **on).map(|(d, _)| *d).collect();
+    depths.sort_by(f32::total_cmp);
+    let median = depths[depths.len() / 2];
+    assert!((400.0..900.0).contains(&median), "{median} mm");
+}
