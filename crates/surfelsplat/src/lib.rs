@@ -1,1 +1,6 @@
-//! Two posed photos to a coloured mesh: the reconstruct() facade and the surfelsplat command.
+//! Two posed photos to a coloured mesh: the library behind the `surfelsplat` command.
+//!
+//! [`reconstruct::reconstruct`] walks the whole road; the crates it joins (`surfel-io`, `surfel-stereo`,
+//! `surfel-raster`, `surfel-mesh`, ...) can each be used alone.
+
+pub mod reconstruct;

@@ -1,0 +1,235 @@
+//! The whole road, from a folder of posed photographs to a coloured mesh.
+//!
+//! Data flows one way: input -> range -> depth -> surfels -> maps -> mesh -> outputs; each step is a file of
+//! this folder. Invariant: everything between input and outputs happens in a working frame whose unit is the
+//! baseline, so a scene scaled by 1000 gives the same result scaled by 1000.
+
+pub mod choice;
+pub mod depth;
+mod error;
+pub mod input;
+pub mod maps;
+pub mod matched_range;
+pub mod options;
+pub mod outputs;
+pub mod progress;
+pub mod report;
+pub mod surfels;
+pub mod working_frame;
+pub mod working_size;
+
+pub use error::ReconstructError;
+pub use options::Options;
+pub use progress::{Progress, Silent, Stage};
+pub use report::Report;
+
+use input::Input;
+use maps::{ViewMaps, render_views};
+use matched_range::MatchedRange;
+use outputs::{Outputs, write_report};
+use progress::Log;
+use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mib};
+use std::path::Path;
+use surfel_core::{Grid, Similarity, Surfels, TriMesh, View};
+use surfel_io::write::{PlacedMesh, StagedDir};
+use surfel_mesh::{DepthView, MeshConfig, MeshReport, TsdfConfig, mesh_from_views};
+use surfel_stereo::DepthEstimate;
+
+/// Alpha from which a rendered pixel counts as surface.
+const SOLID: f32 = 0.5;
+
+/// Reconstructs `scene` into the folder `out`.
+///
+/// # Errors
+/// [`ReconstructError`]; then nothing has been written.
+pub fn reconstruct(scene: &Path, out: &Path, options: &Options, progress: &dyn Progress) -> Result<Report, ReconstructError> {
+    let log = Log::new(progress);
+    let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
+    let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
+    let road = Road::new(&input, &range)?;
+    let features = log.stage(Stage::Features, || depth::features_of(&road.views))?;
+    let estimates = log.stage(Stage::Depth, || {
+        depth::match_depths(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
+    });
+    let surfels = log.stage(Stage::Surfels, || surfels::surfels_from_depth(&road.views, &estimates, &options.surfels));
+    let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
+    let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
+    if mesh.triangles.is_empty() {
+        log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
+    }
+    let staged = StagedDir::new(out)?;
+    let stems = input.stems();
+    let images: Vec<String> = input.frames.iter().map(|&f| input.scene.frames[f].name.clone()).collect();
+    let scene_ranges: Vec<(f64, f64)> = range.ranges.iter().map(|r| (r.near, r.far)).collect();
+    let files = log.stage(Stage::Write, || {
+        let outputs = Outputs {
+            views: &road.views,
+            stems: &stems,
+            images: &images,
+            ranges: &scene_ranges,
+            maps: &maps,
+            confidence: estimates.iter().map(|e| &e.confidence).collect(),
+            surfels: &surfels,
+            mesh: &mesh,
+            scene_from_working: road.scene_from_working,
+        };
+        outputs.write(&staged)
+    })?;
+    let report = Account { input: &input, range: &range, road: &road, estimates: &estimates, maps: &maps }.report(
+        &surfels,
+        (&mesh, &mesh_report),
+        options,
+        files,
+        &log,
+    );
+    write_report(&staged, &report)?;
+    staged.commit()?;
+    Ok(report)
+}
+
+/// The views in the working frame.
+struct Road {
+    views: Vec<View>,
+    ranges: Vec<(f64, f64)>,
+    working_from_scene: Similarity,
+    scene_from_working: Similarity,
+}
+
+impl Road {
+    fn new(input: &Input, range: &MatchedRange) -> Result<Self, ReconstructError> {
+        let cameras: Vec<_> = input.views.iter().map(|view| view.camera).collect();
+        let working_from_scene = working_frame::working_from_scene(&cameras).ok_or_else(|| {
+            ReconstructError::Choice(format!("{}: the cameras stand in one place", input.scene.root.display()))
+        })?;
+        let views = input
+            .views
+            .iter()
+            .map(|view| View { camera: view.camera.in_frame(&working_from_scene), ..view.clone() })
+            .collect();
+        let scale = working_from_scene.scale;
+        let ranges = range.ranges.iter().map(|r| (r.near * scale, r.far * scale)).collect();
+        Ok(Self { views, ranges, working_from_scene, scene_from_working: working_from_scene.inverse() })
+    }
+
+    fn mesh(&self, maps: &[ViewMaps], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
+        let solid: Vec<Grid<f32>> = maps
+            .iter()
+            .map(|m| Grid::from_fn(m.alpha.width(), m.alpha.height(), |x, y| if m.alpha[(x, y)] >= SOLID { m.depth[(x, y)] } else { 0.0 }))
+            .collect();
+        let depth_views: Vec<DepthView> = self
+            .views
+            .iter()
+            .zip(&solid)
+            .map(|(view, depth)| DepthView { camera: &view.camera, depth, colour: &view.image, weight: None })
+            .collect();
+        if solid.iter().all(|depth| depth.as_slice().iter().all(|&z| z <= 0.0)) {
+            return Ok((TriMesh::default(), empty_mesh_report()));
+        }
+        let mut config = MeshConfig::default();
+        if let Some(voxel) = options.voxel {
+            config.tsdf = Some(TsdfConfig::uniform(voxel * self.working_from_scene.scale));
+        }
+        if let Some(keep) = options.keep_components {
+            config.keep = keep;
+        }
+        match mesh_from_views(&depth_views, &config) {
+            Err(surfel_mesh::MeshError::NoDepth { .. }) => Ok((TriMesh::default(), empty_mesh_report())),
+            result => result,
+        }
+    }
+}
+
+fn empty_mesh_report() -> MeshReport {
+    MeshReport {
+        masks: Vec::new(),
+        tsdf: TsdfConfig::uniform(1.0),
+        cut_pixels: 0,
+        num_blocks: 0,
+        num_bytes: 0,
+        extracted_triangles: 0,
+        components: surfel_mesh::ComponentReport::default(),
+    }
+}
+
+/// What the report is made from.
+struct Account<'a> {
+    input: &'a Input,
+    range: &'a MatchedRange,
+    road: &'a Road,
+    estimates: &'a [DepthEstimate],
+    maps: &'a [ViewMaps],
+}
+
+impl Account<'_> {
+    fn report(
+        &self,
+        surfels: &Surfels,
+        (mesh, mesh_report): (&TriMesh, &MeshReport),
+        options: &Options,
+        files: Vec<String>,
+        log: &Log,
+    ) -> Report {
+        let frame = &self.road.working_from_scene;
+        let unit = self.road.scene_from_working.scale;
+        let placed = PlacedMesh { mesh, scene_from_mesh: self.road.scene_from_working };
+        let masks = &mesh_report.masks;
+        let timings = log.timings();
+        Report {
+            version: env!("CARGO_PKG_VERSION"),
+            scene: self.input.scene.root.clone(),
+            format: self.input.scene.format.to_string(),
+            depth_method: "matching",
+            views_chosen: self.input.reason.clone(),
+            views: (0..self.road.views.len()).map(|v| self.view(v)).collect(),
+            camera_checks: self.range.checks.clone(),
+            working_frame: WorkingFrame {
+                scale: frame.scale,
+                rotation: frame.rotation.transpose().to_cols_array(),
+                translation: frame.translation.to_array(),
+            },
+            surfels: SurfelReport {
+                count: surfels.len(),
+                footprint_px: options.surfels.footprint_px,
+                low_pass_px: options.surfels.low_pass_px,
+            },
+            mesh: MeshNumbers {
+                vertices: mesh.positions.len(),
+                triangles: mesh.triangles.len(),
+                voxel: mesh_report.tsdf.voxel * unit,
+                truncation: mesh_report.tsdf.truncation * unit,
+                removed_border: masks.iter().map(|m| m.border).collect(),
+                removed_depth_edge: masks.iter().map(|m| m.depth_edge).collect(),
+                removed_grazing: masks.iter().map(|m| m.grazing).collect(),
+                components: mesh_report.components.num_components,
+                components_kept: mesh_report.components.num_kept,
+                removed_triangles: mesh_report.components.removed_triangles,
+                bounds: placed.bounds().map(|(low, high)| [low.to_array(), high.to_array()]),
+            },
+            total_ms: timings.iter().map(|t| t.ms).sum(),
+            timings,
+            peak_memory_mib: peak_memory_mib(),
+            threads: rayon::current_num_threads(),
+            warnings: log.warnings(),
+            files,
+        }
+    }
+
+    fn view(&self, v: usize) -> ViewReport {
+        let (view, estimate, range) = (&self.road.views[v], &self.estimates[v], &self.range.ranges[v]);
+        let share = |count: usize| count as f64 / view.image.len().max(1) as f64;
+        let frame = &self.input.scene.frames[self.input.frames[v]];
+        ViewReport {
+            name: frame.name.clone(),
+            stem: self.input.stems()[v].clone(),
+            width: view.camera.width,
+            height: view.camera.height,
+            near: range.near,
+            far: range.far,
+            range_from: range.sentence.clone(),
+            matched_with: self.range.neighbours[v].iter().map(|&n| self.road.views[n].name.clone()).collect(),
+            num_candidates: estimate.num_candidates,
+            share_with_depth: share(self.maps[v].depth.as_slice().iter().filter(|&&z| z > 0.0).count()),
+            share_confident: share(estimate.confidence.as_slice().iter().filter(|&&c| c > 0.5).count()),
+        }
+    }
+}
