@@ -1,7 +1,9 @@
 //! Scenes with exact ground truth: analytic shapes and textured meshes, ray-cast to images, depth and normals.
 //!
-//! Everything that estimates a surface is tested, trained and measured against this crate. It depends on
-//! [`surfel_core`] only. Lengths are scene units, the world's up is +Z, cameras are OpenCV's.
+//! Everything that estimates a surface is tested, trained and measured against this crate; of the workspace it
+//! needs [`surfel_core`] only. Two worlds: analytic scenes ([`SceneOptions`]), and photographs of scanned objects
+//! ([`SceneSampler`], feature `assets`). Both give a [`RenderedView`]: a posed picture with the exact depth,
+//! normal and object of every pixel. Lengths are scene units, the world's up is +Z, cameras are OpenCV's.
 //!
 //! ```
 //! use surfel_synth::{SceneKind, SceneOptions};

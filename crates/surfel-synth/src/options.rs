@@ -11,6 +11,7 @@ use crate::sdf::Sdf;
 use crate::shape::{Shape, Wave, Waves};
 use crate::texture::Texture;
 use glam::{DQuat, DVec2, DVec3};
+use std::f64::consts::TAU;
 use surfel_core::{Camera, Rigid};
 
 /// What stands in the middle.
@@ -152,8 +153,8 @@ impl SceneOptions {
             SceneKind::HeightField => {
                 let wave = |amplitude: f64, radians: f64, random: &mut Random| Wave {
                     amplitude: amplitude * r,
-                    frequency: DVec2::from_angle(random.range(0.0, 6.28)) * (radians / r),
-                    phase: random.range(0.0, 6.28),
+                    frequency: DVec2::from_angle(random.range(0.0, TAU)) * (radians / r),
+                    phase: random.range(0.0, TAU),
                 };
                 let waves = [(0.12, 2.5), (0.07, 4.5), (0.03, 9.0)].map(|(a, k)| wave(a, k, random));
                 let field = Shape::HeightField { half: DVec2::splat(1.3 * r), waves: Waves(waves.to_vec()) };

@@ -45,10 +45,10 @@ pub fn warp_statistics(target: &RenderedView, source: &RenderedView, depth_toler
             };
             let (u, v) = (pixel.x - 0.5, pixel.y - 0.5);
             let close = |d: f32| (d - z as f32).abs() <= depth_tolerance * z as f32;
-            if four_around(&source.depth, u, v).is_some_and(|depths| depths.into_iter().all(close)) {
-                if let Some(colour) = bilinear(&source.view.image, u, v) {
-                    pairs.push((target.view.image[(x, y)], colour));
-                }
+            if four_around(&source.depth, u, v).is_some_and(|depths| depths.into_iter().all(close))
+                && let Some(colour) = bilinear(&source.view.image, u, v)
+            {
+                pairs.push((target.view.image[(x, y)], colour));
             }
         }
     }

@@ -91,7 +91,7 @@ fn normals_equal_finite_differences_of_depth() {
 #[test]
 fn one_view_warped_by_its_depth_looks_like_the_other() {
     for kind in KINDS {
-        let options = SceneOptions { width: 192, height: 160, supersampling: 3, ..small(kind) };
+        let options = SceneOptions { width: 144, height: 120, supersampling: 2, ..small(kind) };
         let views = options.render();
         let statistics = warp_statistics(&views[0], &views[1], 0.01);
         println!("{kind:?}: {statistics:?}");

@@ -2,13 +2,17 @@
 #![cfg(feature = "assets")]
 
 use glam::{DMat3, DQuat, DVec3, Vec2, Vec3};
+use std::f32::consts::TAU;
 use std::sync::Arc;
 use surfel_core::{Camera, Similarity, normals::normals_from_depth};
+use surfel_synth::assets::backdrop::Backdrop;
 use surfel_synth::assets::glb::{Glb, Primitive, read_glb};
+use surfel_synth::assets::instance::{Instance, Paint};
 use surfel_synth::assets::light::{Irradiance, Lamp};
 use surfel_synth::assets::mesh::TexturedMesh;
+use surfel_synth::assets::panel::Panel;
 use surfel_synth::assets::photograph::photograph;
-use surfel_synth::assets::stage::{Backdrop, Instance, Paint, Panel, Stage};
+use surfel_synth::assets::stage::Stage;
 use surfel_synth::assets::texels::Texels;
 use surfel_synth::render::{NOTHING, SURROUNDINGS, pixel_ray};
 use surfel_synth::{OrbitRig, Random, Texture, warp_statistics};
@@ -18,7 +22,7 @@ fn torus(rings: u32, sides: u32) -> Primitive {
     let mut positions = Vec::new();
     for i in 0..rings {
         for j in 0..sides {
-            let (a, b) = (i as f32 / rings as f32 * 6.283_185, j as f32 / sides as f32 * 6.283_185);
+            let (a, b) = (i as f32 / rings as f32 * TAU, j as f32 / sides as f32 * TAU);
             let r = 0.7 + 0.3 * b.cos();
             positions.push([r * a.cos(), r * a.sin(), 0.3 * b.sin()]);
         }
@@ -166,7 +170,8 @@ fn mask_and_depth_agree_and_normals_follow_depth() {
     let mut angles: Vec<f32> =
         pairs.filter_map(|(n, exact)| Some(Vec3::from((*n)?).angle_between(Vec3::from(*exact)).to_degrees())).collect();
     angles.sort_by(f32::total_cmp);
-    assert!(angles[angles.len() * 8 / 10] < 2.0, "{}", angles[angles.len() * 8 / 10]);
+    // Differences reach across the edges between facets; inside facets they must agree.
+    assert!(angles[angles.len() / 2] < 0.5, "median {} degrees", angles[angles.len() / 2]);
 }
 
 #[test]
@@ -233,7 +238,7 @@ proptest::proptest! {
             let at = at % file.len();
             file[at] = value;
         }
-        file.truncate(file.len().saturating_sub(if cut < 350 { 0 } else { cut - 350 }));
+        file.truncate(file.len().saturating_sub(cut.saturating_sub(350)));
         if let Ok(glb) = read_glb(&file) {
             for primitive in glb.primitives {
                 let count = primitive.positions.len() as u32;

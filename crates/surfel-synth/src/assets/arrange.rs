@@ -4,9 +4,9 @@
 //! no vertex of a placed object lies below the plane z = 0.
 
 use super::error::AssetError;
+use super::instance::{Instance, Paint};
 use super::library::AssetLibrary;
 use super::mesh::TexturedMesh;
-use super::stage::{Instance, Paint};
 use crate::random::Random;
 use crate::texture::Texture;
 use glam::{DMat3, DQuat, DVec2, DVec3};

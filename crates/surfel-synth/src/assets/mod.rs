@@ -1,19 +1,23 @@
 //! Endless photographs of textured scans with exact depth, normals and masks (feature `assets`).
 //!
 //! `library` reads a folder of GLB meshes, textures and light maps; `sampler` draws a scene from a seed
-//! (`tabletop` or `room`, put together by `arrange`); `stage` is what rays see; `photograph` and `sensor`
-//! take the picture. Invariant: depth and normals are those of the triangles, whatever the picture shows.
+//! (`tabletop` or `room`, put together by `arrange`); `stage` is what rays see: `instance`s of meshes,
+//! `panel`s, a `backdrop` and `light`; `photograph` and `sensor` take the picture. Invariant: depth and normals are those of the triangles, whatever the picture shows.
 
 mod arrange;
 mod openness;
 mod room;
 mod tabletop;
+mod vertex_shading;
 
+pub mod backdrop;
 pub mod error;
 pub mod glb;
+pub mod instance;
 pub mod library;
 pub mod light;
 pub mod mesh;
+pub mod panel;
 pub mod photograph;
 pub mod sampler;
 pub mod sensor;

@@ -3,7 +3,8 @@
 //! Measured once per scene on a coarse grid, because light from everywhere changes slowly. Invariant:
 //! depends on the geometry of the stage only.
 
-use super::stage::{OpennessMap, Panel, Stage};
+use super::panel::{OpennessMap, Panel};
+use super::stage::Stage;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 

@@ -25,7 +25,8 @@ pub fn photograph(stage: &Stage, camera: &Camera, name: &str) -> RenderedView {
     assemble(name.to_owned(), camera, |x, y| {
         let hit = hits[(x, y)].as_ref();
         // Turning the lamp's sample pattern from pixel to pixel trades banding in penumbrae for fine grain.
-        let turn = |i: usize| hash((y * width + x) as u64 * 16 + i as u64) as f32 * (6.283 / u64::MAX as f32);
+        let turn =
+            |i: usize| hash((y * width + x) as u64 * 16 + i as u64) as f32 * (std::f32::consts::TAU / u64::MAX as f32);
         let light = if is_edge(&hits, x, y) {
             let rays = EDGE_RAYS * EDGE_RAYS;
             let shoot = |i: usize| {

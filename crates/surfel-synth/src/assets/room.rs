@@ -4,11 +4,13 @@
 //! of every camera meets something (floor, walls and ceiling are closed towards the view).
 
 use super::arrange::{Resting, choose_paint};
+use super::backdrop::Backdrop;
 use super::error::AssetError;
+use super::instance::{Instance, Paint};
 use super::library::{AssetLibrary, MeshEntry};
 use super::light::Lamp;
+use super::panel::Panel;
 use super::sampler::{Draft, SynthConfig};
-use super::stage::{Backdrop, Instance, Paint, Panel};
 use crate::random::Random;
 use crate::rig::WalkRig;
 use crate::shape::Ray;
@@ -171,7 +173,8 @@ impl Floor {
         let around = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y].map(|d| d * reach);
         for _ in 0..12 {
             let (middle, radius) = self.taken.get(random.below(self.taken.len()))?;
-            let place = *middle + DVec2::from_angle(random.range(0.0, 6.28)) * (radius * 0.6 * random.unit());
+            let place =
+                *middle + DVec2::from_angle(random.range(0.0, std::f64::consts::TAU)) * (radius * 0.6 * random.unit());
             let heights = around.map(|offset| self.height_below((place + offset).extend(self.size.z)));
             let (low, high) = heights.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &h| (a.min(h), b.max(h)));
             if high - low < 10.0 && low > 200.0 && high + resting.height < self.size.z {

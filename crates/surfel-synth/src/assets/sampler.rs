@@ -3,12 +3,15 @@
 //! Invariant: a scene depends on the library's content, the configuration and the seed alone; views can be
 //! rendered in any order, on any number of threads.
 
+use super::backdrop::Backdrop;
 use super::error::AssetError;
+use super::instance::Instance;
 use super::library::AssetLibrary;
 use super::light::Lamp;
+use super::panel::Panel;
 use super::photograph::photograph;
 use super::sensor::Sensor;
-use super::stage::{Backdrop, Instance, Panel, Stage};
+use super::stage::Stage;
 use super::{openness, room, tabletop};
 use crate::random::Random;
 use crate::render::{RenderedView, pixel_ray};

@@ -6,7 +6,7 @@
 use super::arrange::{Resting, choose_paint, cluster};
 use super::error::AssetError;
 use super::sampler::{Draft, SynthConfig};
-use super::stage::{Backdrop, Instance, Panel};
+use super::{backdrop::Backdrop, instance::Instance, panel::Panel};
 use super::{library::AssetLibrary, light::Lamp};
 use crate::random::Random;
 use crate::rig::OrbitRig;
