@@ -37,7 +37,8 @@ fn toy_mesh(n: u32) -> TriMesh {
         [x as f32, y as f32, (0.01 * x * x - 0.02 * x * y + 0.3 * y) as f32]
     };
     let cells: Vec<u32> = (0..n * n).map(|i| i / n * (n + 1) + i % n).collect();
-    let triangles = cells.iter().map(|&a| [a, a + 1, a + n + 2]).chain(cells.iter().map(|&a| [a, a + n + 2, a + n + 1]));
+    let triangles =
+        cells.iter().map(|&a| [a, a + 1, a + n + 2]).chain(cells.iter().map(|&a| [a, a + n + 2, a + n + 1]));
     TriMesh {
         positions: (0..(n + 1) * (n + 1)).map(vertex).collect(),
         triangles: triangles.collect(),

@@ -54,8 +54,8 @@ pub struct FScore {
 
 /// Chamfer distance between predicted and reference points (same frame and unit).
 pub fn chamfer(predicted: &[[f32; 3]], reference: &[[f32; 3]], limit: f64, beyond: Beyond) -> ChamferScore {
-    let to_reference = Nearest::new(reference).distances(predicted);
-    let to_predicted = Nearest::new(predicted).distances(reference);
+    let to_reference = Nearest::new(reference).distances(predicted, limit);
+    let to_predicted = Nearest::new(predicted).distances(reference, limit);
     ChamferScore::from_distances(&to_reference, &to_predicted, limit, beyond)
 }
 

@@ -60,7 +60,8 @@ fn cull_dense(mesh: &TriMesh, views: &[MaskedView]) -> TriMesh {
 fn cull_sparse(mesh: &TriMesh, views: &[MaskedView], min_component: usize) -> TriMesh {
     let dilated = dilated_masks(views, SPARSE_RADIUS);
     let needed = views.len().min(2);
-    let inside = |vertex: &[f32; 3]| dilated.iter().filter(|view| on_mask(view, *vertex) == Some(true)).count() >= needed;
+    let inside =
+        |vertex: &[f32; 3]| dilated.iter().filter(|view| on_mask(view, *vertex) == Some(true)).count() >= needed;
     let kept: Vec<bool> = mesh.positions.par_iter().map(inside).collect();
     let mesh = keep_faces(mesh, |face| mesh.triangles[face].iter().all(|&v| kept[v as usize]));
     let mut seen = vec![false; mesh.triangles.len()];
@@ -96,7 +97,12 @@ pub fn dilated(mask: &Grid<bool>, radius: f64) -> Grid<bool> {
     let counts: Vec<Vec<u32>> = (0..height)
         .map(|y| {
             let mut sum = 0;
-            std::iter::once(0).chain(mask.row(y).iter().map(|&set| { sum += u32::from(set); sum })).collect()
+            std::iter::once(0)
+                .chain(mask.row(y).iter().map(|&set| {
+                    sum += u32::from(set);
+                    sum
+                }))
+                .collect()
         })
         .collect();
     let reach = radius.floor() as isize;

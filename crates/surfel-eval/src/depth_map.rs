@@ -29,10 +29,7 @@ impl<'a> DepthMap<'a> {
     /// another map of the same camera.
     pub fn pixel_from(&self, pixel: DVec2, other: &Intrinsics) -> DVec2 {
         let k = self.intrinsics;
-        DVec2::new(
-            (pixel.x - other.cx) / other.fx * k.fx + k.cx,
-            (pixel.y - other.cy) / other.fy * k.fy + k.cy,
-        )
+        DVec2::new((pixel.x - other.cx) / other.fx * k.fx + k.cx, (pixel.y - other.cy) / other.fy * k.fy + k.cy)
     }
 
     /// Depth at a continuous pixel: bilinear where the four surrounding pixels all have depth and lie on

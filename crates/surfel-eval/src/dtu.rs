@@ -89,15 +89,10 @@ pub fn score_dtu_points(data: &[[f32; 3]], reference: &DtuReference, settings: &
         a * f64::from(p[0]) + b * f64::from(p[1]) + c * f64::from(p[2]) + d > 0.0
     };
     let surface: Vec<[f32; 3]> = reference.surface.par_iter().copied().filter(above).collect();
-    let d2s = mean_distance(&Nearest::new(&reference.surface).distances(&seen), settings.limit, Beyond::Discard);
-    let s2d = mean_distance(&Nearest::new(&near).distances(&surface), settings.limit, Beyond::Discard);
-    DtuScore {
-        d2s,
-        s2d,
-        overall: (d2s + s2d) / 2.0,
-        num_data_points: seen.len(),
-        num_surface_points: surface.len(),
-    }
+    let limit = settings.limit;
+    let d2s = mean_distance(&Nearest::new(&reference.surface).distances(&seen, limit), limit, Beyond::Discard);
+    let s2d = mean_distance(&Nearest::new(&near).distances(&surface, limit), limit, Beyond::Discard);
+    DtuScore { d2s, s2d, overall: (d2s + s2d) / 2.0, num_data_points: seen.len(), num_surface_points: surface.len() }
 }
 
 impl ObservedVolume {
@@ -108,9 +103,8 @@ impl ObservedVolume {
 
     /// In an observed voxel.
     fn contains(&self, point: [f32; 3]) -> bool {
-        let voxel: [f64; 3] = std::array::from_fn(|i| {
-            ((f64::from(point[i]) - f64::from(self.low[i])) / self.voxel).round_ties_even()
-        });
+        let voxel: [f64; 3] =
+            std::array::from_fn(|i| ((f64::from(point[i]) - f64::from(self.low[i])) / self.voxel).round_ties_even());
         let inside = (0..3).all(|i| voxel[i] >= 0.0 && voxel[i] < self.dims[i] as f64);
         inside && {
             let [x, y, z] = voxel.map(|v| v as usize);
@@ -159,7 +153,10 @@ mod tests {
     #[test]
     fn far_surfaces_are_discarded_and_an_unobserved_one_costs_no_accuracy() {
         let mut mesh = square(6.0);
-        let stray = TriMesh { positions: square(6.0).positions.iter().map(|p| [p[0] + 25.0, p[1], 9.0]).collect(), ..square(6.0) };
+        let stray = TriMesh {
+            positions: square(6.0).positions.iter().map(|p| [p[0] + 25.0, p[1], 9.0]).collect(),
+            ..square(6.0)
+        };
         mesh.triangles.extend(stray.triangles.iter().map(|t| t.map(|v| v + 4)));
         mesh.positions.extend(stray.positions);
         let (plain, with_stray) =

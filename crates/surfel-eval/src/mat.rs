@@ -231,7 +231,10 @@ mod tests {
             assert_eq!(mask.dims, [4, 3, 2]);
             let expected: Vec<u8> = (0..24).map(|i| u8::from(i % 5 < 2)).collect();
             assert_eq!(mask.values, MatValues::Bytes(expected));
-            assert_eq!((0..6).map(|i| arrays["BB"].get(i).unwrap()).collect::<Vec<_>>(), [-1.5, 10.0, 0.25, 20.0, 3.0, 30.0]);
+            assert_eq!(
+                (0..6).map(|i| arrays["BB"].get(i).unwrap()).collect::<Vec<_>>(),
+                [-1.5, 10.0, 0.25, 20.0, 3.0, 30.0]
+            );
             assert_eq!((arrays["Res"].dims.as_slice(), arrays["Res"].get(0)), ([1usize, 1].as_slice(), Some(0.5)));
             assert_eq!(arrays["Counts"].values, MatValues::Numbers(vec![-3.0, 70000.0]));
             assert!(!arrays.contains_key("Note"), "text is skipped");

@@ -5,6 +5,7 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
+use std::num::NonZero;
 
 /// A point set prepared for nearest-neighbour queries.
 pub struct Nearest {
@@ -20,16 +21,23 @@ impl Nearest {
         Self { tree }
     }
 
-    /// Distance from each query to its nearest point; infinite when the set is empty or the query is not finite.
-    pub fn distances(&self, queries: &[[f32; 3]]) -> Vec<f32> {
+    /// Distance from each query to its nearest point if that is at most `limit`, else infinity (also for an empty
+    /// set or a query that is not finite).
+    ///
+    /// The limit is what keeps a query far from every point cheap: without it, half the tree is as good as the rest.
+    pub fn distances(&self, queries: &[[f32; 3]], limit: f64) -> Vec<f32> {
         let Some(tree) = &self.tree else {
             return vec![f32::INFINITY; queries.len()];
         };
+        // Rounded up, so that squaring in single precision loses no neighbour at the limit itself.
+        let limit_sq = (limit * limit * (1.0 + 1e-6)) as f32;
         let distance = |query: &[f32; 3]| {
             if query.iter().any(|c| !c.is_finite()) {
                 return f32::INFINITY;
             }
-            tree.query(query).nearest_one::<SquaredEuclidean<f32>>().execute().distance.sqrt()
+            let nearest = tree.query(query).nearest_n::<SquaredEuclidean<f32>>(NonZero::<usize>::MIN);
+            let found = nearest.within::<SquaredEuclidean<f32>>(limit_sq).execute();
+            found.first().map_or(f32::INFINITY, |point| point.distance.sqrt())
         };
         queries.par_iter().with_min_len(256).map(distance).collect()
     }
@@ -52,10 +60,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn distances_equal_those_of_the_full_search(points in cloud(200), queries in cloud(50)) {
-            let fast = Nearest::new(&points).distances(&queries);
+        fn distances_equal_those_of_the_full_search(
+            points in cloud(200), queries in cloud(50), limit in prop_oneof![Just(1.5), Just(1e6), 0.1f64..20.0]
+        ) {
+            let fast = Nearest::new(&points).distances(&queries, limit);
             for (query, distance) in queries.iter().zip(fast) {
-                prop_assert_eq!(distance, brute(&points, *query));
+                let expected = brute(&points, *query);
+                prop_assert_eq!(distance, if f64::from(expected) <= limit { expected } else { f32::INFINITY });
             }
         }
     }
@@ -64,8 +75,8 @@ mod tests {
     fn many_copies_of_one_point_and_bad_numbers_are_no_trouble() {
         let mut points = vec![[1.0f32, 2.0, 3.0]; 5000];
         points.push([f32::NAN, 0.0, 0.0]);
-        let distances = Nearest::new(&points).distances(&[[1.0, 2.0, 4.0], [f32::INFINITY, 0.0, 0.0]]);
+        let distances = Nearest::new(&points).distances(&[[1.0, 2.0, 4.0], [f32::INFINITY, 0.0, 0.0]], 9.0);
         assert_eq!(distances, [1.0, f32::INFINITY]);
-        assert_eq!(Nearest::new(&[]).distances(&[[0.0; 3]]), [f32::INFINITY]);
+        assert_eq!(Nearest::new(&[]).distances(&[[0.0; 3]], 9.0), [f32::INFINITY]);
     }
 }

@@ -49,8 +49,11 @@ pub enum PlyError {
 /// [`PlyError`] when the bytes are no such PLY, or a damaged one.
 pub fn read_ply(bytes: &[u8]) -> Result<TriMesh, PlyError> {
     let (header, body) = Header::parse(bytes)?;
-    let mut rows: Box<dyn Rows> =
-        if header.ascii { Box::new(AsciiRows(body.split(u8::is_ascii_whitespace))) } else { Box::new(BinaryRows(body)) };
+    let mut rows: Box<dyn Rows> = if header.ascii {
+        Box::new(AsciiRows(body.split(u8::is_ascii_whitespace)))
+    } else {
+        Box::new(BinaryRows(body))
+    };
     let mut mesh = TriMesh::default();
     for element in &header.elements {
         match element.name.as_str() {
@@ -159,7 +162,9 @@ impl Element {
             let complete = self.properties.iter().zip(&mut values).all(|(property, values)| {
                 values.clear();
                 let length = property.count.map_or(Some(1.0), |count| rows.next(count));
-                length.is_some_and(|length| (0..length as usize).all(|_| rows.next(property.kind).map(|v| values.push(v)).is_some()))
+                length.is_some_and(|length| {
+                    (0..length as usize).all(|_| rows.next(property.kind).map(|v| values.push(v)).is_some())
+                })
             });
             if !complete {
                 return Err(PlyError::Truncated { element: self.name.clone(), found: row, announced: self.num_rows });
@@ -239,15 +244,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const ASCII: &[u8] = b"ply\nformat ascii 1.0\ncomment from a scanner\nelement vertex 4\nproperty float x\nproperty float y\n\
+    const ASCII: &[u8] =
+        b"ply\nformat ascii 1.0\ncomment from a scanner\nelement vertex 4\nproperty float x\nproperty float y\n\
         property double z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
         0 0 0 255\n1 0 0 0\n1 1 0.5 0\n0 1 0 7\n3 0 1 2\n4 0 1 2 3\n";
 
     fn binary() -> Vec<u8> {
-        let mut bytes = b"ply\r\nformat binary_little_endian 1.0\r\nelement vertex 3\r\nproperty float x\r\nproperty float y\r\n\
+        let mut bytes =
+            b"ply\r\nformat binary_little_endian 1.0\r\nelement vertex 3\r\nproperty float x\r\nproperty float y\r\n\
             property float z\r\nproperty float nx\r\nproperty float ny\r\nproperty float nz\r\nproperty uchar red\r\n\
             element face 1\r\nproperty uchar flags\r\nproperty list uchar uint vertex_index\r\nend_header\r\n"
-            .to_vec();
+                .to_vec();
         for v in 0..3u8 {
             [f32::from(v), 2.0, -1.5, 0.0, 0.0, 1.0].iter().for_each(|c| bytes.extend(c.to_le_bytes()));
             bytes.push(v);

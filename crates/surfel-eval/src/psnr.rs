@@ -11,9 +11,11 @@ use surfel_core::Grid;
 pub fn psnr(picture: &Grid<[f32; 3]>, reference: &Grid<[f32; 3]>) -> f64 {
     assert!(picture.same_size(reference), "pictures differ in size");
     let clipped = |c: f32| f64::from(c.clamp(0.0, 1.0));
-    let squares = picture.as_slice().iter().zip(reference.as_slice()).map(|(a, b)| {
-        (0..3).map(|i| (clipped(a[i]) - clipped(b[i])).powi(2)).sum::<f64>()
-    });
+    let squares = picture
+        .as_slice()
+        .iter()
+        .zip(reference.as_slice())
+        .map(|(a, b)| (0..3).map(|i| (clipped(a[i]) - clipped(b[i])).powi(2)).sum::<f64>());
     -10.0 * (squares.sum::<f64>() / (3 * picture.len()) as f64).log10()
 }
 

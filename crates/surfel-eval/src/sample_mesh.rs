@@ -37,9 +37,10 @@ fn triangle_lattice([a, b, c]: [DVec3; 3], spacing: f64) -> impl Iterator<Item =
     let rows = if n1 == 0 || n2 == 0 { 0 } else { n1 };
     (0..rows).flat_map(move |i| {
         let s = (i as f64 + 0.5) / n1 as f64;
-        (0..n2).map(move |j| (s, (j as f64 + 0.5) / n2 as f64)).take_while(|(s, t)| s + t < 1.0).map(move |(s, t)| {
-            (a + edge_1 * s + edge_2 * t).as_vec3().to_array()
-        })
+        (0..n2)
+            .map(move |j| (s, (j as f64 + 0.5) / n2 as f64))
+            .take_while(|(s, t)| s + t < 1.0)
+            .map(move |(s, t)| (a + edge_1 * s + edge_2 * t).as_vec3().to_array())
     })
 }
 

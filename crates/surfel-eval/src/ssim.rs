@@ -62,8 +62,7 @@ fn from_moments([mean_p, mean_q, pp, qq, pq]: [f64; 5]) -> f64 {
     let var_p = SAMPLE * (pp - mean_p * mean_p);
     let var_q = SAMPLE * (qq - mean_q * mean_q);
     let cov = SAMPLE * (pq - mean_p * mean_q);
-    (2.0 * mean_p * mean_q + C1) * (2.0 * cov + C2)
-        / ((mean_p * mean_p + mean_q * mean_q + C1) * (var_p + var_q + C2))
+    (2.0 * mean_p * mean_q + C1) * (2.0 * cov + C2) / ((mean_p * mean_p + mean_q * mean_q + C1) * (var_p + var_q + C2))
 }
 
 /// The normalised 1-D Gaussian.

@@ -1,12 +1,12 @@
 //! Greedy radius thinning: keeps points so that no two are within a radius of each other (spec 7.1 c).
 //!
 //! Points are taken in a shuffled order; each one still alive is kept and kills all others within the radius.
-//! Invariant: kept points are more than the radius apart, and every killed one is within it of a kept one.
+//! Invariant: the result is exactly that of taking them one by one, though they are decided many at a time: a point
+//! is settled as soon as no undecided neighbour comes before it in the order.
 
 use rayon::prelude::*;
-use std::collections::HashMap;
 
-/// Indices (ascending) of the points that survive thinning by `radius`, shuffled by `seed`.
+/// Indices (ascending) of the points that survive thinning by `radius`, in the order of a shuffle by `seed`.
 ///
 /// Points that are not finite are dropped.
 ///
@@ -14,44 +14,33 @@ use std::collections::HashMap;
 /// If `radius` is not positive, or the points span more than two million radii along an axis.
 pub fn thin(points: &[[f32; 3]], radius: f64, seed: u64) -> Vec<u32> {
     assert!(radius > 0.0, "thinning needs a positive radius");
-    let cells = Cells::new(points, radius);
-    let mut alive = vec![false; points.len()];
-    for &(_, index) in &cells.sorted {
-        alive[index as usize] = true;
-    }
-    let radius_sq = radius * radius;
-    for index in shuffled(points.len(), seed) {
-        if !alive[index as usize] {
-            continue;
+    let cells = Cells::new(points, radius, seed);
+    let mut fates = vec![Fate::Undecided; cells.sites.len()];
+    let mut undecided: Vec<u32> = (0..cells.sites.len() as u32).collect();
+    while !undecided.is_empty() {
+        let decided: Vec<Fate> = undecided.par_iter().map(|&i| cells.fate(i, &fates, radius * radius)).collect();
+        for (&i, &fate) in undecided.iter().zip(&decided) {
+            fates[i as usize] = fate;
         }
-        let point = points[index as usize];
-        cells.for_each_near(point, |other| {
-            if other != index && distance_sq(point, points[other as usize]) <= radius_sq {
-                alive[other as usize] = false;
-            }
-        });
+        undecided.retain(|&i| fates[i as usize] == Fate::Undecided);
     }
-    (0..points.len() as u32).filter(|&i| alive[i as usize]).collect()
+    let mut kept: Vec<u32> =
+        cells.sites.iter().zip(&fates).filter(|(_, fate)| **fate == Fate::Kept).map(|(site, _)| site.index).collect();
+    kept.par_sort_unstable();
+    kept
 }
 
-/// The points named by ascending `indices`.
+/// The points named by `indices`.
 pub fn selected(points: &[[f32; 3]], indices: &[u32]) -> Vec<[f32; 3]> {
     indices.iter().map(|&i| points[i as usize]).collect()
 }
 
-/// A permutation of `0..count`: indices sorted by the SplitMix64 hash of `seed + index`.
+/// Place of point `index` in the shuffled order: points are taken from the smallest to the largest.
 ///
-/// Any language reproduces it in one line, which is what lets another implementation of the protocol be
-/// compared point by point.
-pub fn shuffled(count: usize, seed: u64) -> Vec<u32> {
-    let mut order: Vec<(u64, u32)> =
-        (0..count as u32).into_par_iter().map(|i| (split_mix(seed.wrapping_add(u64::from(i))), i)).collect();
-    order.par_sort_unstable();
-    order.into_iter().map(|(_, i)| i).collect()
-}
-
-fn split_mix(state: u64) -> u64 {
-    let mut z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+/// The SplitMix64 hash, a bijection, so no two places are equal. Any language reproduces it in a few lines, which
+/// lets another implementation of the protocol be compared point by point.
+pub fn place_in_order(index: u32, seed: u64) -> u64 {
+    let mut z = seed.wrapping_add(u64::from(index)).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
@@ -61,68 +50,84 @@ fn distance_sq(a: [f32; 3], b: [f32; 3]) -> f64 {
     (0..3).map(|i| (f64::from(a[i]) - f64::from(b[i])).powi(2)).sum()
 }
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fate {
+    Undecided,
+    Kept,
+    Killed,
+}
+
+struct Site {
+    point: [f32; 3],
+    index: u32,
+    place: u64,
+}
+
 const AXIS_BITS: u32 = 21;
 const AXIS_MASK: u64 = (1 << AXIS_BITS) - 1;
 
 /// Points sorted by the cube of side `radius` they fall into, `z` fastest: the three cubes along `z` around a
 /// point are then one run, so a search visits nine runs instead of 27 cubes.
 struct Cells {
-    /// `(packed cell, point index)`, ascending.
-    sorted: Vec<(u64, u32)>,
-    /// Start and end in `sorted` of each `(x, y)` column.
-    columns: HashMap<u64, (u32, u32)>,
-    low: [f64; 3],
-    side: f64,
+    /// Packed cell of each site, ascending.
+    keys: Vec<u64>,
+    sites: Vec<Site>,
 }
 
 impl Cells {
-    fn new(points: &[[f32; 3]], side: f64) -> Self {
+    fn new(points: &[[f32; 3]], side: f64, seed: u64) -> Self {
         let finite = |p: &[f32; 3]| p.iter().all(|c| c.is_finite());
-        let low = points.iter().filter(|p| finite(p)).fold([f64::INFINITY; 3], |low, p| {
-            std::array::from_fn(|i| low[i].min(f64::from(p[i])))
-        });
-        let mut cells = Self { sorted: Vec::new(), columns: HashMap::new(), low, side };
-        cells.sorted = points
-            .par_iter()
-            .enumerate()
-            .filter(|(_, p)| finite(p))
-            .map(|(i, p)| {
-                let [x, y, z] = cells.cell_of(*p);
-                (pack(x, y) << AXIS_BITS | z, i as u32)
-            })
-            .collect();
-        cells.sorted.par_sort_unstable();
-        let mut start = 0;
-        for run in cells.sorted.chunk_by(|a, b| a.0 >> AXIS_BITS == b.0 >> AXIS_BITS) {
-            let end = start + run.len() as u32;
-            cells.columns.insert(run[0].0 >> AXIS_BITS, (start, end));
-            start = end;
-        }
-        cells
+        let low = points
+            .iter()
+            .filter(|p| finite(p))
+            .fold([f64::INFINITY; 3], |low, p| std::array::from_fn(|i| low[i].min(f64::from(p[i]))));
+        let key = |p: &[f32; 3]| {
+            // From 1, so that a neighbour is never negative.
+            let cell: [u64; 3] = std::array::from_fn(|i| ((f64::from(p[i]) - low[i]) / side) as u64 + 1);
+            assert!(cell.iter().all(|&c| c < AXIS_MASK), "the points span too many thinning radii");
+            pack(cell)
+        };
+        let indexed = points.par_iter().enumerate().filter(|(_, p)| finite(p));
+        let mut order: Vec<(u64, u32)> = indexed.map(|(i, p)| (key(p), i as u32)).collect();
+        order.par_sort_unstable();
+        let site = |&(_, index): &(u64, u32)| Site {
+            point: points[index as usize],
+            index,
+            place: place_in_order(index, seed),
+        };
+        Self { sites: order.par_iter().map(site).collect(), keys: order.into_iter().map(|(key, _)| key).collect() }
     }
 
-    /// Cell coordinates, from 1 so that a neighbour is never negative.
-    fn cell_of(&self, point: [f32; 3]) -> [u64; 3] {
-        std::array::from_fn(|i| {
-            let cell = ((f64::from(point[i]) - self.low[i]) / self.side) as u64 + 1;
-            assert!(cell < AXIS_MASK, "the points span too many thinning radii");
-            cell
-        })
-    }
-
-    fn for_each_near(&self, point: [f32; 3], mut visit: impl FnMut(u32)) {
-        let [x, y, z] = self.cell_of(point);
-        for column in (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| pack(x, y))) {
-            let Some(&(start, end)) = self.columns.get(&column) else { continue };
-            let run = &self.sorted[start as usize..end as usize];
-            let first = run.partition_point(|(cell, _)| cell & AXIS_MASK < z - 1);
-            run[first..].iter().take_while(|(cell, _)| cell & AXIS_MASK <= z + 1).for_each(|&(_, i)| visit(i));
+    /// What the present fates of its neighbours allow to say about site `i`.
+    fn fate(&self, i: u32, fates: &[Fate], radius_sq: f64) -> Fate {
+        let site = &self.sites[i as usize];
+        let key = self.keys[i as usize];
+        let [x, y, z] = unpack(key);
+        let mut fate = Fate::Kept;
+        for column in (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| [x, y])) {
+            let (first, last) = (pack([column[0], column[1], z - 1]), pack([column[0], column[1], z + 1]));
+            let start = self.keys.partition_point(|&key| key < first);
+            let end = start + self.keys[start..].iter().take_while(|&&key| key <= last).count();
+            for (other, &other_fate) in self.sites[start..end].iter().zip(&fates[start..end]) {
+                let before = other.place < site.place && other_fate != Fate::Killed;
+                if before && distance_sq(site.point, other.point) <= radius_sq {
+                    if other_fate == Fate::Kept {
+                        return Fate::Killed;
+                    }
+                    fate = Fate::Undecided;
+                }
+            }
         }
+        fate
     }
 }
 
-fn pack(x: u64, y: u64) -> u64 {
-    x << AXIS_BITS | y
+fn pack([x, y, z]: [u64; 3]) -> u64 {
+    (x << AXIS_BITS | y) << AXIS_BITS | z
+}
+
+fn unpack(key: u64) -> [u64; 3] {
+    [key >> (2 * AXIS_BITS), key >> AXIS_BITS & AXIS_MASK, key & AXIS_MASK]
 }
 
 #[cfg(test)]
@@ -133,7 +138,9 @@ mod tests {
     /// The rule as spec 7.1 c states it.
     fn as_stated(points: &[[f32; 3]], radius: f64, seed: u64) -> Vec<u32> {
         let mut alive = vec![true; points.len()];
-        for i in shuffled(points.len(), seed) {
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        order.sort_by_key(|&i| place_in_order(i, seed));
+        for i in order {
             if alive[i as usize] {
                 for j in 0..points.len() {
                     if j != i as usize && distance_sq(points[i as usize], points[j]) <= radius * radius {
@@ -158,11 +165,10 @@ mod tests {
     }
 
     #[test]
-    fn shuffling_is_a_permutation_and_depends_on_the_seed() {
-        let mut order = shuffled(1000, 7);
-        assert_ne!(order, shuffled(1000, 8));
-        order.sort_unstable();
-        assert!(order.iter().enumerate().all(|(i, &o)| i as u32 == o));
+    fn the_order_depends_on_the_seed_and_has_no_ties() {
+        let places = |seed| (0..1000).map(|i| place_in_order(i, seed)).collect::<std::collections::BTreeSet<u64>>();
+        assert_eq!(places(7).len(), 1000);
+        assert_ne!(place_in_order(0, 7), place_in_order(0, 8));
     }
 
     #[test]

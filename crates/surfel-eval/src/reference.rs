@@ -1,0 +1,212 @@
+//! Finds what a scene can be scored against: reference depth and points beside its photographs.
+//!
+//! Layouts: `pseudo_gt/` with `meta.json`, `depth_*.png` and `points.npz`; `depth/*.pfm` (exact, as synthetic scenes
+//! are written); `depth/*.png` in millimetres (sensors). Invariant: everything comes out in scene units and OpenCV
+//! axes, on the raster it was stored in.
+
+use std::path::{Path, PathBuf};
+use surfel_core::{Camera, Grid, Intrinsics};
+use surfel_io::depth::{read_depth_png16, read_pfm};
+use surfel_io::npy::{NpyError, Npz};
+use surfel_io::photo::ImageError;
+
+/// Reference points of a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointCloud {
+    /// Positions, scene units, world frame.
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals, outward, world frame, or empty.
+    pub normals: Vec<[f32; 3]>,
+}
+
+/// Why a reference that is there cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ReferenceError {
+    /// A depth map does not read.
+    #[error(transparent)]
+    Depth(#[from] ImageError),
+    /// The points do not read.
+    #[error(transparent)]
+    Points(#[from] NpyError),
+    /// `meta.json` or the points lack something.
+    #[error("{path}: {problem}")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// The reference of one scene; files are read when asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reference {
+    scene: PathBuf,
+    layout: Layout,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Layout {
+    /// `pseudo_gt/depth_NN.png` counting in `unit` scene units.
+    MultiView { unit: f64 },
+    /// `depth/STEM.pfm`, scene units.
+    Exact,
+    /// `depth/STEM.png`, millimetres in a scene in metres.
+    Sensor,
+}
+
+/// Millimetres to metres.
+const SENSOR_UNIT: f64 = 0.001;
+
+impl Reference {
+    /// Looks for a reference in a scene folder; `None` when there is none.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] when there is one and it does not say its unit.
+    pub fn open(scene: &Path) -> Result<Option<Self>, ReferenceError> {
+        let meta = scene.join("pseudo_gt/meta.json");
+        let has = |extension: &str| files_of(&scene.join("depth"), extension).next().is_some();
+        let layout = if meta.is_file() {
+            Layout::MultiView { unit: unit_of(&meta)? }
+        } else if has("pfm") {
+            Layout::Exact
+        } else if has("png") {
+            Layout::Sensor
+        } else {
+            return Ok(None);
+        };
+        Ok(Some(Self { scene: scene.to_owned(), layout }))
+    }
+
+    /// Reference depth (scene units, 0 = none) of the photograph `stem` and the intrinsics of its raster; `camera` is
+    /// that of the photograph at any size. `None` when that photograph has no reference.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] when the depth map is there and does not read.
+    pub fn depth_of(&self, stem: &str, camera: &Camera) -> Result<Option<(Grid<f32>, Intrinsics)>, ReferenceError> {
+        let (folder, prefix, extension) = match self.layout {
+            Layout::MultiView { .. } => ("pseudo_gt", "depth_", "png"),
+            Layout::Exact => ("depth", "", "pfm"),
+            Layout::Sensor => ("depth", "", "png"),
+        };
+        let Some(path) = find(&self.scene.join(folder), prefix, stem, extension) else {
+            return Ok(None);
+        };
+        let depth = match self.layout {
+            Layout::MultiView { unit } => read_depth_png16(&path, unit)?,
+            Layout::Exact => read_pfm(&path)?,
+            Layout::Sensor => read_depth_png16(&path, SENSOR_UNIT)?,
+        };
+        // All layouts store the full field of view, so the photograph's camera at their size is theirs.
+        let intrinsics = camera.resized(depth.width(), depth.height()).intrinsics;
+        Ok(Some((depth, intrinsics)))
+    }
+
+    /// Reference points in the world, scene units; `None` when the layout has none.
+    ///
+    /// # Errors
+    /// [`ReferenceError`] when they are there and do not read.
+    pub fn points(&self) -> Result<Option<PointCloud>, ReferenceError> {
+        let path = self.scene.join("pseudo_gt/points.npz");
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let mut archive = Npz::open(&path)?;
+        let (counts, unit, offset) = (archive.array("p")?, archive.array("unit")?, archive.array("offset")?);
+        let normals = if archive.names().iter().any(|name| name == "n") { Some(archive.array("n")?) } else { None };
+        let malformed = |problem: &str| ReferenceError::Malformed { path: path.clone(), problem: problem.to_owned() };
+        let (&[unit], &[x, y, z]) = (&unit.data[..], &offset.data[..]) else {
+            return Err(malformed("`unit` must be one number and `offset` three"));
+        };
+        if counts.shape.len() != 2 || counts.shape[1] != 3 {
+            return Err(malformed("`p` must be an N x 3 array"));
+        }
+        let offset = [x, y, z];
+        let position = |p: &[f64]| std::array::from_fn(|i| (p[i] * unit + offset[i]) as f32);
+        let positions: Vec<[f32; 3]> = counts.data.chunks_exact(3).map(position).collect();
+        let unit_normal =
+            |n: &[f64]| glam::DVec3::new(n[0], n[1], n[2]).normalize_or(glam::DVec3::Z).as_vec3().to_array();
+        let normals: Vec<[f32; 3]> =
+            normals.map_or_else(Vec::new, |normals| normals.data.chunks_exact(3).map(unit_normal).collect());
+        if !normals.is_empty() && normals.len() != positions.len() {
+            return Err(malformed("`n` must be as long as `p`"));
+        }
+        Ok(Some(PointCloud { positions, normals }))
+    }
+}
+
+/// Scene units per count of `meta.json`: `depth_unit_mm` in a scene in millimetres, `depth_unit_m` in one in metres.
+fn unit_of(meta: &Path) -> Result<f64, ReferenceError> {
+    let malformed = |problem: String| ReferenceError::Malformed { path: meta.to_owned(), problem };
+    let text = std::fs::read_to_string(meta).map_err(|error| malformed(error.to_string()))?;
+    let json: serde_json::Value = serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
+    let unit = ["depth_unit_mm", "depth_unit_m"].iter().find_map(|key| json[key].as_f64());
+    unit.filter(|unit| *unit > 0.0).ok_or_else(|| malformed("needs `depth_unit_mm` or `depth_unit_m`".into()))
+}
+
+/// The file `prefix + stem + extension`; a stem that is a number also finds it with other leading zeros.
+fn find(folder: &Path, prefix: &str, stem: &str, extension: &str) -> Option<PathBuf> {
+    let exact = folder.join(format!("{prefix}{stem}.{extension}"));
+    if exact.is_file() {
+        return Some(exact);
+    }
+    let number: u64 = stem.parse().ok()?;
+    files_of(folder, extension).find(|path| {
+        let name = path.file_stem().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix(prefix));
+        name.and_then(|name| name.parse().ok()) == Some(number)
+    })
+}
+
+fn files_of(folder: &Path, extension: &str) -> impl Iterator<Item = PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    entries.filter(move |path| path.extension().is_some_and(|found| found == extension))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use surfel_core::Rigid;
+    use surfel_io::write::{depth_png::write_depth_png, pfm::write_pfm};
+
+    fn camera() -> Camera {
+        let intrinsics = Intrinsics { fx: 100.0, fy: 90.0, cx: 20.5, cy: 15.0 };
+        Camera { intrinsics, width: 40, height: 30, camera_from_world: Rigid::IDENTITY }
+    }
+
+    fn depth() -> Grid<f32> {
+        Grid::from_fn(20, 15, |x, y| if x == 3 { 0.0 } else { 2.0 + 0.5 * (x + y) as f32 })
+    }
+
+    fn png(path: &Path, unit: f64) {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        write_depth_png(&mut fs::File::create(path).unwrap(), &depth(), unit).unwrap();
+    }
+
+    #[test]
+    fn multi_view_layout_has_its_own_unit_and_numbers_stems_its_own_way() {
+        let scene = tempfile::tempdir().unwrap();
+        png(&scene.path().join("pseudo_gt/depth_07.png"), 0.02);
+        fs::write(scene.path().join("pseudo_gt/meta.json"), r#"{"depth_unit_mm": 0.02}"#).unwrap();
+        let reference = Reference::open(scene.path()).unwrap().unwrap();
+        let (found, intrinsics) = reference.depth_of("000007", &camera()).unwrap().unwrap();
+        assert!(found.as_slice().iter().zip(depth().as_slice()).all(|(a, b)| (a - b).abs() < 0.011));
+        assert_eq!(intrinsics, Intrinsics { fx: 50.0, fy: 45.0, cx: 10.25, cy: 7.5 });
+        assert!(reference.depth_of("000008", &camera()).unwrap().is_none());
+        assert!(reference.points().unwrap().is_none());
+        fs::write(scene.path().join("pseudo_gt/meta.json"), "{}").unwrap();
+        assert!(Reference::open(scene.path()).unwrap_err().to_string().contains("depth_unit_mm"));
+    }
+
+    #[test]
+    fn sensor_layout_counts_millimetres_and_exact_layout_scene_units() {
+        let scene = tempfile::tempdir().unwrap();
+        assert_eq!(Reference::open(scene.path()).unwrap(), None);
+        png(&scene.path().join("depth/00027.png"), 0.001);
+        let sensor = Reference::open(scene.path()).unwrap().unwrap();
+        assert_eq!(sensor.depth_of("00027", &camera()).unwrap().unwrap().0, depth());
+        write_pfm(&mut fs::File::create(scene.path().join("depth/a.pfm")).unwrap(), &depth()).unwrap();
+        let exact = Reference::open(scene.path()).unwrap().unwrap();
+        assert_eq!(exact.depth_of("a", &camera()).unwrap().unwrap().0, depth());
+    }
+}
