@@ -4,10 +4,10 @@
 //! the camera file, else matches that obey the epipolar constraint, else where the views overlap. The
 //! invariant: every rule is a ratio or an angle, so scaling the scene scales the bounds and nothing else.
 
+use crate::Match;
 use crate::epipolar::{EpipolarGeometry, has_no_baseline, inlier_distance, median, quantile};
 use crate::frustum::census;
 use crate::triangulate::triangulate;
-use crate::Match;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
@@ -156,9 +156,8 @@ fn from_frusta(view: &Camera, neighbours: &[Neighbour]) -> Result<Bounds, Bounds
         let far = farthest.min(depth_at_disparity(view, other, MIN_DISPARITY_PX));
         (near < far).then_some((near, far))
     });
-    let (near, far) = ranges
-        .reduce(|all, range| (all.0.min(range.0), all.1.max(range.1)))
-        .ok_or(BoundsError::NoOverlap)?;
+    let (near, far) =
+        ranges.reduce(|all, range| (all.0.min(range.0), all.1.max(range.1))).ok_or(BoundsError::NoOverlap)?;
     let sentence = format!(
         "Depth {near:.4} to {far:.4}, a guess from where the views overlap: there are too few matches to measure it."
     );

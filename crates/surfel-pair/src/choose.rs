@@ -53,8 +53,10 @@ pub enum ChooseError {
     NothingInCommon(usize),
 }
 
-/// Chooses the best pair; of two cameras, those two, however bad. `points` may be empty; `load` opens the view of a camera index, small (about 480 pixels wide),
-/// or answers `None` when it cannot.
+/// Chooses the best pair; of two cameras, those two, however bad.
+///
+/// `points` may be empty; `load` opens the view of a camera index, small (about 480 pixels wide), or answers
+/// `None` when it cannot.
 ///
 /// # Errors
 /// [`ChooseError`].
@@ -100,9 +102,7 @@ pub fn choose_views(
     for candidate in &candidates {
         let [i, j] = candidate.views;
         for index in [i, j] {
-            features
-                .entry(index)
-                .or_insert_with(|| load(index).map(|view| (Features::of(&view), view.camera)));
+            features.entry(index).or_insert_with(|| load(index).map(|view| (Features::of(&view), view.camera)));
         }
         let (Some(Some(a)), Some(Some(b))) = (features.get(&i), features.get(&j)) else { continue };
         let Some(verified) = verify(a, b) else { continue };
@@ -283,7 +283,8 @@ mod tests {
     fn covisible_points_overrule_the_optical_axes() {
         let cameras = arc(1.0, &ANGLES);
         let seen = |views: &'static [usize], at: f64| {
-            (0..30).map(move |i| SparsePoint { position: DVec3::new(0.02 * i as f64, at, 0.0), seen_by: views.to_vec() })
+            (0..30)
+                .map(move |i| SparsePoint { position: DVec3::new(0.02 * i as f64, at, 0.0), seen_by: views.to_vec() })
         };
         let points: Vec<_> = seen(&[0, 1], 0.0).chain(seen(&[3, 4], 0.1)).collect();
         let pair = Capture::new(&cameras, &points).pair(0, 1).expect("a baseline");

@@ -40,8 +40,11 @@ impl EpipolarGeometry {
     }
 
     /// The larger of the two distances between a point and the line of its partner, pixels. A pixel on
-    /// the epipole lies on every line.
+    /// the epipole lies on every line; one that is not finite is infinitely far.
     pub fn distance(&self, m: &Match) -> f64 {
+        if !m.a.is_finite() || !m.b.is_finite() {
+            return f64::INFINITY;
+        }
         let in_b = self.line_in_b(m.a).map_or(0.0, |line| line.dot(m.b.extend(1.0)).abs());
         let in_a = self.line_in_a(m.b).map_or(0.0, |line| line.dot(m.a.extend(1.0)).abs());
         in_a.max(in_b)

@@ -3,8 +3,8 @@
 //! With right cameras every line runs through its point. Written by `inspect`. The invariant: the two
 //! photographs keep their pixels apart from the lines, the left one in the top-left corner.
 
-use crate::epipolar::{EpipolarGeometry, inlier_distance};
 use crate::Match;
+use crate::epipolar::{EpipolarGeometry, inlier_distance};
 use glam::{DVec2, DVec3};
 use surfel_core::{Grid, View};
 

@@ -81,7 +81,8 @@ mod tests {
     fn opposite_views_share_nothing_and_equal_ones_everything() {
         let (a, _) = toed_in(1.0);
         let mut back = a;
-        back.camera_from_world.rotation = glam::DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)) * back.camera_from_world.rotation;
+        back.camera_from_world.rotation =
+            glam::DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)) * back.camera_from_world.rotation;
         back.camera_from_world.translation = -(back.camera_from_world.rotation * (a.centre() - a.forward()));
         assert_eq!(overlap(&a, &back, 0.0, f64::INFINITY), 0.0);
         assert_eq!(overlap(&a, &a, 1.0, 2.0), 1.0);

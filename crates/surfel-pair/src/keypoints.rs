@@ -133,8 +133,8 @@ fn refine(
             level[(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))] as f64
         };
         let value = at(0, 0, 0);
-        let gradient = 0.5
-            * DVec3::new(at(0, 1, 0) - at(0, -1, 0), at(0, 0, 1) - at(0, 0, -1), at(1, 0, 0) - at(-1, 0, 0));
+        let gradient =
+            0.5 * DVec3::new(at(0, 1, 0) - at(0, -1, 0), at(0, 0, 1) - at(0, 0, -1), at(1, 0, 0) - at(-1, 0, 0));
         let xx = at(0, 1, 0) + at(0, -1, 0) - 2.0 * value;
         let yy = at(0, 0, 1) + at(0, 0, -1) - 2.0 * value;
         let ss = at(1, 0, 0) + at(-1, 0, 0) - 2.0 * value;
@@ -161,8 +161,8 @@ fn refine(
         }
         let response = (value + 0.5 * gradient.dot(offset)).abs();
         let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
-        let on_edge = determinant <= 0.0
-            || trace * trace * MAX_EDGE_RATIO >= (MAX_EDGE_RATIO + 1.0).powi(2) * determinant;
+        let on_edge =
+            determinant <= 0.0 || trace * trace * MAX_EDGE_RATIO >= (MAX_EDGE_RATIO + 1.0).powi(2) * determinant;
         if response < MIN_CONTRAST || on_edge {
             return None;
         }

@@ -116,11 +116,7 @@ pub fn match_features(a: &Features, b: &Features) -> Vec<Match> {
             let is_rival = |k: &usize| (b.keypoints[*k].position - position).length() > SAME_CORNER;
             let rival = (0..row.len()).filter(is_rival).map(|k| row[k]).fold(-1.0, f32::max);
             let ratio = distance(best) / distance(rival).max(f32::MIN_POSITIVE);
-            (ratio < MAX_RATIO).then(|| Match {
-                a: a.keypoints[i].position,
-                b: position,
-                score: 1.0 - ratio as f64,
-            })
+            (ratio < MAX_RATIO).then(|| Match { a: a.keypoints[i].position, b: position, score: 1.0 - ratio as f64 })
         })
         .collect();
     matches.sort_by(|p, q| q.score.total_cmp(&p.score));
@@ -163,4 +159,73 @@ fn is_clear(view: &View, keypoint: &Keypoint) -> bool {
     };
     let ring = (0..8).map(|i| DVec2::from_angle(i as f64 * std::f64::consts::FRAC_PI_4) * 3.0 * keypoint.sigma);
     is_valid(keypoint.position) && ring.into_iter().all(|offset| is_valid(keypoint.position + offset))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use surfel_core::{Camera, Grid, Intrinsics, Rigid};
+
+    /// A smooth random texture, seen at an offset.
+    fn view(shift: f64) -> View {
+        let image = Grid::from_fn(120, 90, |x, y| {
+            let (x, y) = (x as f64 + shift, y as f64);
+            let waves = (0..12).map(|i| {
+                (0.31 * f64::from(i) + x * (0.07 * f64::from(i) + 0.11)).sin() * (y * 0.09 * f64::from(i % 5 + 1)).cos()
+            });
+            [0.5 + 0.08 * waves.sum::<f64>() as f32; 3]
+        });
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 60.0, cy: 45.0 };
+        View::new("waves", image, Camera { intrinsics, width: 120, height: 90, camera_from_world: Rigid::IDENTITY })
+    }
+
+    /// The slow obvious twin of [`match_features`], in double precision.
+    fn match_slowly(a: &Features, b: &Features) -> Vec<(DVec2, DVec2)> {
+        let distance = |i: usize, j: usize| {
+            let pairs = a.descriptor(i).iter().zip(b.descriptor(j));
+            let dot: f64 = pairs.map(|(p, q)| f64::from(*p) * f64::from(*q)).sum();
+            (2.0 - 2.0 * dot / f64::from(UNIT * UNIT)).max(0.0).sqrt()
+        };
+        let nearest = |distances: &[f64]| (0..distances.len()).min_by(|&p, &q| distances[p].total_cmp(&distances[q]));
+        let mut found = Vec::new();
+        for i in 0..a.len() {
+            let to_b: Vec<f64> = (0..b.len()).map(|j| distance(i, j)).collect();
+            let Some(j) = nearest(&to_b) else { continue };
+            let to_a: Vec<f64> = (0..a.len()).map(|k| distance(k, j)).collect();
+            let away = |k: usize| (b.keypoints[k].position - b.keypoints[j].position).length();
+            let rival = (0..b.len()).filter(|&k| away(k) > SAME_CORNER).map(|k| to_b[k]).fold(2.0, f64::min);
+            if nearest(&to_a) == Some(i) && to_b[j] < f64::from(MAX_RATIO) * rival {
+                found.push((a.keypoints[i].position, b.keypoints[j].position));
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn agrees_with_the_slow_twin() {
+        let (a, b) = (Features::of(&view(0.0)), Features::of(&view(7.3)));
+        let fast = match_features(&a, &b);
+        let slow = match_slowly(&a, &b);
+        assert!(fast.len() >= 20, "{}", fast.len());
+        assert!(fast.iter().all(|m| slow.contains(&(m.a, m.b))));
+        let twins_apart: BTreeSet<[u64; 2]> = slow.iter().map(|(a, _)| [a.x.to_bits(), a.y.to_bits()]).collect();
+        assert_eq!(fast.len(), twins_apart.len());
+        let shift = |m: &Match| (m.a - m.b - DVec2::new(7.3, 0.0)).length();
+        assert!(fast.iter().filter(|m| shift(m) < 0.5).count() * 10 >= 9 * fast.len());
+    }
+
+    #[test]
+    fn integers_keep_the_descriptors() {
+        let view = view(0.0);
+        let octaves = pyramid::octaves(&view.gray());
+        let keypoints = keypoints::oriented(&keypoints::detect(&octaves), &octaves);
+        let exact = descriptor::describe(&keypoints, &octaves);
+        for row in exact.chunks(descriptor::LENGTH) {
+            let rounded: Vec<i16> = row.iter().map(|value| (value * UNIT).round() as i16).collect();
+            let length_sq: f32 = row.iter().map(|value| value * value).sum();
+            assert!((length_sq - 1.0).abs() < 1e-5, "{length_sq}");
+            assert!((dot(&rounded, &rounded) - 1.0).abs() < 1e-3);
+        }
+    }
 }

@@ -7,6 +7,9 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use surfel_core::{Camera, Intrinsics, Rigid};
 
+/// Smaller focal lengths are no pixels; normalised ones are about 1.
+pub(crate) const NORMALISED_FOCAL: f64 = 10.0;
+
 /// A pose written in another convention than `camera_from_world` with OpenCV axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -150,34 +153,35 @@ impl IntrinsicsMistake {
         if given.fx.abs() < NORMALISED_FOCAL && given.fy.abs() < NORMALISED_FOCAL {
             return vec![Self::Normalised];
         }
-        let across = given.cx / (0.5 * width as f64);
-        let down = given.cy / (0.5 * height as f64);
         let mut candidates: Vec<Self> = [2.0, 4.0, 0.5, 0.25].map(Self::OtherResolution).into();
-        if across > 0.0 && down > 0.0 {
-            let factor = (across * down).sqrt();
-            let is_alike = (across / down).ln().abs() < 0.2;
-            let is_own_size = factor.ln().abs() < 0.1;
-            match (is_alike, is_own_size) {
-                (true, true) => {}
-                // The principal point is only about the centre of its image.
-                (true, false) => candidates.extend((-8..=8).map(|percent| {
-                    Self::OtherResolution(factor * (1.0 + 0.01 * f64::from(percent)))
-                })),
-                (false, _) => candidates.push(Self::OtherProportions(across, down)),
-            }
+        match Self::of_principal_point(given, width, height) {
+            // The principal point is only about the centre of its image.
+            Some(Self::OtherResolution(factor)) => candidates
+                .extend((-8..=8).map(|percent| Self::OtherResolution(factor * (1.0 + 0.01 * f64::from(percent))))),
+            other => candidates.extend(other),
         }
         candidates.push(Self::PrincipalPointSwapped);
         candidates
     }
 
+    /// The image size of which the principal point would be the centre, unless it is the centre already.
+    pub(crate) fn of_principal_point(given: &Intrinsics, width: usize, height: usize) -> Option<Self> {
+        let (across, down) = (given.cx / (0.5 * width as f64), given.cy / (0.5 * height as f64));
+        if !(across > 0.0 && down > 0.0) {
+            return None;
+        }
+        let factor = (across * down).sqrt();
+        let is_alike = (across / down).ln().abs() < 0.2;
+        match is_alike {
+            true => (factor.ln().abs() > 0.1).then_some(Self::OtherResolution(factor)),
+            false => Some(Self::OtherProportions(across, down)),
+        }
+    }
+
     /// What was meant, if this is what went wrong.
     pub fn corrected(self, given: &Intrinsics, width: usize, height: usize) -> Intrinsics {
-        let scaled = |x: f64, y: f64| Intrinsics {
-            fx: given.fx * x,
-            fy: given.fy * y,
-            cx: given.cx * x,
-            cy: given.cy * y,
-        };
+        let scaled =
+            |x: f64, y: f64| Intrinsics { fx: given.fx * x, fy: given.fy * y, cx: given.cx * x, cy: given.cy * y };
         match self {
             Self::Normalised => scaled(width as f64, height as f64),
             Self::OtherResolution(factor) => scaled(1.0 / factor, 1.0 / factor),
@@ -222,9 +226,6 @@ impl IntrinsicsMistake {
         }
     }
 }
-
-/// Focal lengths below this many pixels are no pixels: the brief of every normalised format is "about 1".
-pub(crate) const NORMALISED_FOCAL: f64 = 10.0;
 
 impl Mistake {
     /// Both cameras as they were meant, if this is what went wrong with both.

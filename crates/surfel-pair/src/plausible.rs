@@ -3,11 +3,11 @@
 //! Runs before and beside the evidence of matches in [`crate::sanity`]. The invariant: every remark
 //! is relative (angles, shares of the image, ratios of lengths), so no scene size is assumed.
 
+use crate::Match;
 use crate::epipolar::has_no_baseline;
 use crate::frustum::overlap;
 use crate::mistake::NORMALISED_FOCAL;
 use crate::triangulate::triangulate;
-use crate::Match;
 use glam::DVec2;
 use surfel_core::Camera;
 
@@ -38,7 +38,9 @@ impl Oddity {
     /// The remark as a sentence.
     pub fn sentence(self) -> String {
         match self {
-            Self::NotACamera => "A camera has a focal length that is not positive or a number that is not finite.".into(),
+            Self::NotACamera => {
+                "A camera has a focal length that is not positive or a number that is not finite.".into()
+            }
             Self::Normalised => "The focal length is below 10 pixels: the intrinsics look normalised.".into(),
             Self::FieldOfView(degrees) => {
                 format!("The field of view is {degrees:.1} degrees: the focal length does not fit the image size.")

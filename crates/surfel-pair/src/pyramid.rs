@@ -66,7 +66,8 @@ fn added_blur(from: f64, to: f64) -> f64 {
 /// next one on its side, along each axis.
 fn doubled(gray: &Grid<f32>) -> Grid<f32> {
     let (width, height) = (gray.width(), gray.height());
-    let partner = |i: usize, len: usize| if i % 2 == 0 { (i / 2).saturating_sub(1) } else { (i / 2 + 1).min(len - 1) };
+    let partner =
+        |i: usize, len: usize| if i.is_multiple_of(2) { (i / 2).saturating_sub(1) } else { (i / 2 + 1).min(len - 1) };
     let mut data = vec![0.0f32; 4 * width * height];
     data.par_chunks_mut((2 * width).max(1)).enumerate().for_each(|(y, out)| {
         let (own, next) = (gray.row(y / 2), gray.row(partner(y, height)));

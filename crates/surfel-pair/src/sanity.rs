@@ -27,6 +27,10 @@ const AS_GOOD: f64 = 0.97;
 /// So many matches do not lie on their epipolar lines by chance.
 const MIN_AGREEING: usize = 10;
 
+/// Offset of the principal point, in shares of the image side, from which a second look is worth it: half-size
+/// intrinsics put it at a quarter.
+const SUSPICIOUS_OFFSET: f64 = 0.2;
+
 /// How far the cameras of a pair can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -63,72 +67,46 @@ pub struct Verdict {
 /// Judges two cameras by sparse matches between their images, best match first (as
 /// [`crate::match_views`] returns them). Never fails: too few matches give [`Status::CannotTell`].
 pub fn check_pair(a: &Camera, b: &Camera, matches: &[Match]) -> Verdict {
+    let matches: Vec<Match> = matches.iter().filter(|m| m.a.is_finite() && m.b.is_finite()).copied().collect();
     let oddities = oddities(a, b);
-    let verdict = |status, sentence: String| Verdict {
-        status,
+    let unjudged = Verdict {
+        status: Status::CannotTell,
         likely_cause: None,
         also_possible: Vec::new(),
         median_epipolar_px: None,
         num_matches: matches.len(),
         num_inliers: 0,
-        sentence,
+        sentence: "Too few reliable matches between the views to judge the cameras.".into(),
     };
-    if oddities.contains(&Oddity::NotACamera) {
-        return verdict(Status::Wrong, oddities[0].sentence());
+    if let Some(oddity @ Oddity::NotACamera) = oddities.first() {
+        return Verdict { status: Status::Wrong, sentence: oddity.sentence(), ..unjudged };
     }
     // A wrong but self-consistent clique of matches must not speak against cameras that explain more.
-    let inliers = Support::of(a, b, matches);
-    let Some(rigid) = consensus(matches, inlier_distance(a, b)) else {
-        if inliers.count >= MIN_AGREEING && 2 * inliers.count >= matches.len() {
-            let base = Verdict { num_inliers: inliers.count, median_epipolar_px: inliers.median_px, ..verdict(Status::Good, String::new()) };
-            return believed(a, b, matches, &inliers, base);
-        }
-        return without_witness(a, b, &oddities, verdict);
+    let inliers = Support::of(a, b, &matches);
+    let unjudged = Verdict { num_inliers: inliers.count, median_epipolar_px: inliers.median_px, ..unjudged };
+    let Some(rigid) = consensus(&matches, inlier_distance(a, b)) else {
+        let is_enough = inliers.count >= MIN_AGREEING && 2 * inliers.count >= matches.len();
+        return if is_enough {
+            believed(a, b, &matches, &inliers, unjudged)
+        } else {
+            without_witness(a, b, &oddities, unjudged)
+        };
     };
     let witnesses: Vec<Match> = rigid.inliers.iter().map(|&i| matches[i]).collect();
     let given = Support::of(a, b, &witnesses);
-    let num_rigid = witnesses.len() as f64;
-    let base = Verdict {
-        median_epipolar_px: given.median_px,
-        num_inliers: inliers.count,
-        ..verdict(Status::Good, String::new())
-    };
+    let base = Verdict { median_epipolar_px: given.median_px, ..unjudged };
 
+    let believable = BELIEVED * witnesses.len() as f64;
     let explanations = explanations(a, b, &witnesses);
-    let clearly_better = |e: &&Explanation| {
-        e.support.count as f64 >= BELIEVED * num_rigid && e.support.merit() >= CLEARLY_BETTER * inliers.merit()
-    };
-    let Some(best) = explanations.first().filter(clearly_better) else {
-        if inliers.count as f64 >= BELIEVED * num_rigid {
-            return believed(a, b, &witnesses, &inliers, base);
-        }
-        let miss_px = given.median_px.unwrap_or(f64::INFINITY);
-        let is_far_off = miss_px > FAR_OFF * inlier_distance(a, b) || given.behind > given.count;
-        let (status, reason) = if is_far_off {
-            (Status::Wrong, "the cameras may belong to other images, or their convention is unknown")
-        } else {
-            (Status::Suspicious, "the poses or the intrinsics are inaccurate")
-        };
+    let best = &explanations[0];
+    if best.support.count as f64 >= believable && best.support.merit() >= CLEARLY_BETTER * inliers.merit() {
         let complaint = complaint(a, b, &oddities, &given, witnesses.len());
-        let sentence = if oddities.contains(&Oddity::NoBaseline) {
-            oddities[0].sentence()
-        } else {
-            format!("{complaint}, and no known mistake of convention explains it: {reason}.")
-        };
-        return Verdict { status, sentence, ..base };
-    };
-    let sentence = format!(
-        "{}; with {} {} of {} matches agree to {:.1} px: {}.",
-        complaint(a, b, &oddities, &given, witnesses.len()),
-        best.mistake.label(),
-        best.support.count,
-        witnesses.len(),
-        best.support.inlier_px.unwrap_or(0.0),
-        best.mistake.description(a),
-    );
-    let rivals = explanations[1..].iter().filter(|e| e.support.merit() >= AS_GOOD * best.support.merit());
-    let also_possible = rivals.map(|e| e.mistake).filter(|rival| rival.is_simple_alternative_to(best.mistake)).collect();
-    Verdict { status: Status::Wrong, likely_cause: Some(best.mistake), also_possible, sentence, ..base }
+        return explained(a, &explanations, &complaint, witnesses.len(), base);
+    }
+    if inliers.count as f64 >= believable {
+        return believed(a, b, &witnesses, &inliers, base);
+    }
+    unexplained(a, b, &oddities, &given, witnesses.len(), base)
 }
 
 /// How well a pair of cameras explains some matches.
@@ -178,7 +156,8 @@ struct Explanation {
 /// Every hypothesis, the best first. Equal support goes to the more exact, then to the simpler and likelier.
 fn explanations(a: &Camera, b: &Camera, witnesses: &[Match]) -> Vec<Explanation> {
     let of_intrinsics = IntrinsicsMistake::candidates(&a.intrinsics, a.width, a.height);
-    let single = PoseMistake::ALL.map(Mistake::Pose).into_iter().chain(of_intrinsics.iter().map(|&i| Mistake::Intrinsics(i)));
+    let single =
+        PoseMistake::ALL.map(Mistake::Pose).into_iter().chain(of_intrinsics.iter().map(|&i| Mistake::Intrinsics(i)));
     let double = PoseMistake::ALL
         .into_iter()
         .flat_map(|pose| of_intrinsics.iter().map(move |&intrinsics| Mistake::Both(pose, intrinsics)));
@@ -193,6 +172,52 @@ fn explanations(a: &Camera, b: &Camera, witnesses: &[Match]) -> Vec<Explanation>
     let merit = |e: &Explanation| if matches!(e.mistake, Mistake::Both(..)) { 0.9 } else { 1.0 } * e.support.merit();
     tried.sort_by(|p, q| merit(q).total_cmp(&merit(p)));
     tried
+}
+
+/// A classic mistake explains the matches: name it and what to do.
+fn explained(
+    a: &Camera,
+    explanations: &[Explanation],
+    complaint: &str,
+    num_witnesses: usize,
+    base: Verdict,
+) -> Verdict {
+    let best = &explanations[0];
+    let sentence = format!(
+        "{complaint}; with {} {} of {num_witnesses} matches agree to {:.1} px: {}.",
+        best.mistake.label(),
+        best.support.count,
+        best.support.inlier_px.unwrap_or(0.0),
+        best.mistake.description(a),
+    );
+    let rivals = explanations[1..].iter().filter(|e| e.support.merit() >= AS_GOOD * best.support.merit());
+    let also_possible =
+        rivals.map(|e| e.mistake).filter(|rival| rival.is_simple_alternative_to(best.mistake)).collect();
+    Verdict { status: Status::Wrong, likely_cause: Some(best.mistake), also_possible, sentence, ..base }
+}
+
+/// The matches agree with each other, but with no camera we can think of.
+fn unexplained(
+    a: &Camera,
+    b: &Camera,
+    oddities: &[Oddity],
+    given: &Support,
+    num_witnesses: usize,
+    base: Verdict,
+) -> Verdict {
+    if let Some(oddity @ Oddity::NoBaseline) = oddities.first() {
+        return Verdict { status: Status::Wrong, sentence: oddity.sentence(), ..base };
+    }
+    let miss_px = given.median_px.unwrap_or(f64::INFINITY);
+    let is_far_off = miss_px > FAR_OFF * inlier_distance(a, b) || given.behind > given.count;
+    let (status, reason) = if is_far_off {
+        (Status::Wrong, "the cameras may belong to other images, or their convention is unknown")
+    } else {
+        (Status::Suspicious, "the poses or the intrinsics are inaccurate")
+    };
+    let complaint = complaint(a, b, oddities, given, num_witnesses);
+    let sentence = format!("{complaint}, and no known mistake of convention explains it: {reason}.");
+    Verdict { status, sentence, ..base }
 }
 
 /// The first half of a bad verdict: what does not fit.
@@ -219,8 +244,7 @@ fn believed(a: &Camera, b: &Camera, witnesses: &[Match], inliers: &Support, base
         inliers.inlier_px.unwrap_or(0.0)
     );
     if principal_offset(a).max(principal_offset(b)) > SUSPICIOUS_OFFSET {
-        let candidates = IntrinsicsMistake::candidates(&a.intrinsics, a.width, a.height);
-        let rival = candidates.first().map(|&intrinsics| Mistake::Intrinsics(intrinsics)).filter(|mistake| {
+        let rival = resolution_of_principal_point(a).map(Mistake::Intrinsics).filter(|mistake| {
             let (a, b) = mistake.corrected_pair(a, b);
             Support::of(&a, &b, witnesses).count as f64 >= AS_GOOD * inliers.count as f64
         });
@@ -234,33 +258,24 @@ fn believed(a: &Camera, b: &Camera, witnesses: &[Match], inliers: &Support, base
             return Verdict { status: Status::Suspicious, likely_cause: Some(mistake), sentence, ..base };
         }
     }
-    Verdict { sentence: format!("{agree}."), ..base }
+    Verdict { status: Status::Good, sentence: format!("{agree}."), ..base }
 }
 
-/// Offset of the principal point, in shares of the image side, from which a second look is worth it: half-size
-/// intrinsics put it at a quarter.
-const SUSPICIOUS_OFFSET: f64 = 0.2;
+/// The image size whose centre the principal point would be.
+fn resolution_of_principal_point(camera: &Camera) -> Option<IntrinsicsMistake> {
+    IntrinsicsMistake::of_principal_point(&camera.intrinsics, camera.width, camera.height)
+}
 
 /// Too few matches: only geometry can speak.
-fn without_witness(
-    a: &Camera,
-    b: &Camera,
-    oddities: &[Oddity],
-    verdict: impl Fn(Status, String) -> Verdict,
-) -> Verdict {
-    let Some(&oddity) = oddities.first() else {
-        let sentence = "Too few reliable matches between the views to judge the cameras.".to_string();
-        return verdict(Status::CannotTell, sentence);
-    };
+fn without_witness(a: &Camera, b: &Camera, oddities: &[Oddity], unjudged: Verdict) -> Verdict {
+    let Some(&oddity) = oddities.first() else { return unjudged };
     if oddity == Oddity::NoBaseline {
-        return verdict(Status::Wrong, oddity.sentence());
+        return Verdict { status: Status::Wrong, sentence: oddity.sentence(), ..unjudged };
     }
     let hint = match oddity {
         Oddity::NothingInCommon => Some(Mistake::Pose(PoseMistake::OpenGlAxes)),
         Oddity::Normalised => Some(Mistake::Intrinsics(IntrinsicsMistake::Normalised)),
-        Oddity::PrincipalPoint(_) => {
-            IntrinsicsMistake::candidates(&a.intrinsics, a.width, a.height).first().copied().map(Mistake::Intrinsics)
-        }
+        Oddity::PrincipalPoint(_) => resolution_of_principal_point(a).map(Mistake::Intrinsics),
         _ => None,
     };
     let hint = hint.filter(|mistake| {
@@ -276,5 +291,5 @@ fn without_witness(
         ),
         None => format!("{} There are too few matches to say more.", oddity.sentence()),
     };
-    Verdict { likely_cause: hint, ..verdict(Status::Suspicious, sentence) }
+    Verdict { status: Status::Suspicious, likely_cause: hint, sentence, ..unjudged }
 }

@@ -54,8 +54,7 @@ fn commit_pose(mistake: PoseMistake, right: &Rigid) -> Rigid {
         PoseMistake::TranslationSign => Rigid { rotation, translation: -translation },
         PoseMistake::LlffAxes => {
             let world_from_camera = right.inverse();
-            let [right_axis, down, forward] =
-                [0, 1, 2].map(|axis| world_from_camera.rotation.col(axis));
+            let [right_axis, down, forward] = [0, 1, 2].map(|axis| world_from_camera.rotation.col(axis));
             Rigid { rotation: DMat3::from_cols(down, right_axis, -forward), ..world_from_camera }.inverse()
         }
         PoseMistake::HalfTurn => flipped(right, DVec3::new(-1.0, -1.0, 1.0)),
@@ -67,10 +66,7 @@ fn commit(mistake: PoseMistake, a: &Camera, b: &Camera) -> (Camera, Camera) {
     let with = |camera: &Camera, pose: Rigid| Camera { camera_from_world: pose, ..*camera };
     match mistake {
         PoseMistake::Exchanged => (with(a, b.camera_from_world), with(b, a.camera_from_world)),
-        _ => (
-            with(a, commit_pose(mistake, &a.camera_from_world)),
-            with(b, commit_pose(mistake, &b.camera_from_world)),
-        ),
+        _ => (with(a, commit_pose(mistake, &a.camera_from_world)), with(b, commit_pose(mistake, &b.camera_from_world))),
     }
 }
 
@@ -237,8 +233,8 @@ fn assert_no_alarm((a, b): (View, View), what: &str) -> Status {
 #[test]
 fn scenes_of_every_kind_raise_no_alarm() {
     for kind in [SceneKind::Sphere, SceneKind::Torus, SceneKind::Boxes, SceneKind::Plane] {
-        for pair_angle_deg in [2.0, 11.0, 20.0] {
-            let options = SceneOptions { kind, pair_angle_deg, noise: 0.02, ..options() };
+        for pair_angle_deg in [3.0, 15.0] {
+            let options = SceneOptions { kind, pair_angle_deg, supersampling: 1, noise: 0.02, ..options() };
             assert_no_alarm(pair_of(&options), &format!("{kind:?} at {pair_angle_deg} degrees"));
         }
     }
