@@ -1,2 +1,11 @@
-//! The `surfelsplat` command.
-fn main() {}
+//! The `surfelsplat` command: parses, runs one command, maps its outcome to an exit code.
+//!
+//! 0 = done, 1 = failed with a sentence on stderr, 2 = the command line was wrong (clap's own).
+
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::run()
+}

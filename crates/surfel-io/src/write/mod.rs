@@ -20,6 +20,7 @@ pub mod glb;
 pub mod normal_png;
 pub mod obj;
 pub mod pfm;
+pub mod picture_png;
 pub mod ply_mesh;
 pub mod ply_surfels;
 pub mod preview;

@@ -1,0 +1,192 @@
+//! What can be typed. Each flag's text is its documentation; values are checked here, files are not opened.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use surfel_io::FormatKind;
+
+/// Turn two (or more) posed photographs into a surface.
+#[derive(Debug, Parser)]
+#[command(name = "surfelsplat", version, propagate_version = true, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// Print one JSON document on stdout instead of sentences.
+    #[arg(long, global = true)]
+    pub json: bool,
+
+    /// Say nothing but errors.
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+
+    /// Number of threads (default: all cores).
+    #[arg(long, global = true, value_name = "N", value_parser = positive)]
+    pub threads: Option<usize>,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Reconstruct a coloured mesh from posed photographs.
+    Reconstruct(ReconstructArgs),
+    /// Say what a scene holds and whether its cameras fit its photographs.
+    Inspect(InspectArgs),
+    /// Score results against references.
+    Eval {
+        #[command(subcommand)]
+        command: EvalCommand,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+pub enum EvalCommand {
+    /// Score the depth maps of a reconstruction against a scene's reference depth.
+    Depth(EvalDepthArgs),
+}
+
+/// How depth is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DepthMethod {
+    /// Plane sweep and refinement; needs no training.
+    Matching,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  surfelsplat reconstruct my_scene -o out                     the best two photographs
+  surfelsplat reconstruct my_scene --views 23,24 -o out       these two
+  surfelsplat reconstruct my_scene --num-views 4 -o out       the best four
+  surfelsplat reconstruct colmap/sparse/0 --size 640x480 -o out
+
+Writes into OUT: mesh.ply, mesh.glb, surfels.ply, depth/, normal/, confidence/, cameras.json,
+preview.png and report.json. Exit code 0: done; 1: failed, nothing written; 2: wrong usage.")]
+pub struct ReconstructArgs {
+    /// Scene folder or camera file: COLMAP, transforms.json, cameras.npz, cam.txt, ... (`inspect` lists them).
+    pub scene: PathBuf,
+
+    /// Folder to write into.
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+
+    /// Photographs to use, by name, stem or number, separated by commas (default: the best pair).
+    #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
+    pub views: Vec<String>,
+
+    /// How many photographs to choose when --views names none.
+    #[arg(long, value_name = "N", default_value_t = 2, conflicts_with = "views", value_parser = at_least_two)]
+    pub num_views: usize,
+
+    /// Working width x height in pixels (default: the photograph's shape, at most about 640x512 pixels).
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<(usize, usize)>,
+
+    /// How depth is found.
+    #[arg(long, value_enum, default_value_t = DepthMethod::Matching)]
+    pub depth: DepthMethod,
+
+    /// Nearest depth to search, in the unit of the cameras (default: from the data).
+    #[arg(long, value_name = "Z", value_parser = positive_length)]
+    pub near: Option<f64>,
+
+    /// Farthest depth to search, in the unit of the cameras (default: from the data).
+    #[arg(long, value_name = "Z", value_parser = positive_length)]
+    pub far: Option<f64>,
+
+    /// Voxel edge of the mesh, in the unit of the cameras (default: from the pixel footprint).
+    #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
+    pub voxel: Option<f64>,
+
+    /// Keep at most this many connected components of the mesh.
+    #[arg(long, value_name = "N", value_parser = positive)]
+    pub keep_components: Option<usize>,
+
+    /// Format of the cameras (default: detected).
+    #[arg(long, value_name = "FORMAT", value_parser = format_names())]
+    pub format: Option<FormatKind>,
+
+    /// Go on although the photographs contradict the cameras.
+    #[arg(long)]
+    pub trust_cameras: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// Scene folder or camera file.
+    pub scene: PathBuf,
+
+    /// Two photographs to check against each other (default: the best pair).
+    #[arg(long, value_name = "A,B", value_delimiter = ',')]
+    pub views: Vec<String>,
+
+    /// Picture of the two photographs with matches and epipolar lines.
+    #[arg(short, long, value_name = "PNG", default_value = "epipolar.png")]
+    pub output: PathBuf,
+
+    /// Format of the cameras (default: detected).
+    #[arg(long, value_name = "FORMAT", value_parser = format_names())]
+    pub format: Option<FormatKind>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  surfelsplat reconstruct scene --views 23,24 --size 320x256 -o out
+  surfelsplat eval depth scene out")]
+pub struct EvalDepthArgs {
+    /// Scene folder with a reference: pseudo_gt/, or depth/ beside the photographs.
+    pub scene: PathBuf,
+
+    /// Folder with depth/<stem>.pfm and cameras.json, as `reconstruct` writes it.
+    pub output: PathBuf,
+
+    /// Distance, in scene units, that a missed reference point counts as (default: 20 for millimetres, i.e.
+    /// 3 % of the median reference depth).
+    #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
+    pub cap: Option<f64>,
+}
+
+fn format_names() -> impl TypedValueParser<Value = FormatKind> {
+    let names = PossibleValuesParser::new(FormatKind::ALL.map(FormatKind::name));
+    // Clap has already refused every other name.
+    names.map(|name| FormatKind::ALL.into_iter().find(|kind| kind.name() == name).unwrap_or(FormatKind::Colmap))
+}
+
+fn positive(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "must be a whole number above 0".to_owned())
+}
+
+fn at_least_two(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n >= 2).ok_or_else(|| "must be a whole number of at least 2".to_owned())
+}
+
+fn positive_length(text: &str) -> Result<f64, String> {
+    let value: Option<f64> = text.parse().ok();
+    value.filter(|v| v.is_finite() && *v > 0.0).ok_or_else(|| "must be a number above 0".to_owned())
+}
+
+fn parse_size(text: &str) -> Result<(usize, usize), String> {
+    let wrong = || "must be width x height, such as 320x256".to_owned();
+    let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
+    match (width.trim().parse(), height.trim().parse()) {
+        (Ok(width), Ok(height)) if width > 0 && height > 0 && width <= 16_384 && height <= 16_384 => Ok((width, height)),
+        _ => Err(wrong()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes() {
+        assert_eq!(parse_size("320x256"), Ok((320, 256)));
+        assert!(parse_size("320").is_err() && parse_size("0x4").is_err() && parse_size("-1x4").is_err());
+    }
+}

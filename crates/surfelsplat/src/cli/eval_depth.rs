@@ -1,0 +1,167 @@
+//! `surfelsplat eval depth`: the depth maps and the mesh of a reconstruction against a scene's reference.
+//!
+//! Any folder with `depth/<stem>.pfm` can be scored, also a peer's. Invariant: a missing depth is a miss, and
+//! holes of the surface cost the cap.
+
+use super::args::EvalDepthArgs;
+use super::print_line;
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use surfel_core::{Camera, Grid};
+use surfel_eval::depth_map::restricted_to;
+use surfel_eval::depth_metrics::median;
+use surfel_eval::object_chamfer::{back_projected, object_chamfer};
+use surfel_eval::report::{Cell, Report, Table};
+use surfel_eval::sample_mesh::sample_mesh;
+use surfel_eval::{DepthMap, DepthScore, NormalScore, Reference, ply, score_depth, score_depth_normals};
+use surfel_io::depth::read_pfm;
+use surfel_io::scene::Scene;
+
+/// One view with a prediction and a reference.
+struct Scored {
+    name: String,
+    camera: Camera,
+    predicted: Grid<f32>,
+    reference: Grid<f32>,
+    reference_camera: Camera,
+}
+
+/// Share of the median reference depth that a miss costs when no cap is given: 20 mm at 650 mm, as on DTU.
+const CAP_SHARE: f64 = 20.0 / 650.0;
+
+pub fn run(args: &EvalDepthArgs, json: bool) -> Result<ExitCode> {
+    let scene = Scene::open(&args.scene)?;
+    let Some(reference) = Reference::open(&scene.root)? else {
+        bail!("{} has no reference depth: neither pseudo_gt/ nor depth/", scene.root.display());
+    };
+    let scored = scored_views(&scene, &reference, &args.output)?;
+    if scored.is_empty() {
+        bail!("no depth map of {} has a reference in {}", args.output.display(), scene.root.display());
+    }
+    let report = report(&scored, args)?;
+    print_line(&if json { report.to_json() } else { report.to_markdown() });
+    Ok(ExitCode::SUCCESS)
+}
+
+fn scored_views(scene: &Scene, reference: &Reference, output: &Path) -> Result<Vec<Scored>> {
+    let mut scored = Vec::new();
+    for path in depth_maps(output)? {
+        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let index = scene.select(std::slice::from_ref(&stem))?[0];
+        let full = scene.frames[index].pinhole();
+        let Some((truth, _)) = reference.depth_of(&stem, &full)? else { continue };
+        let predicted = read_pfm(&path)?;
+        scored.push(Scored {
+            name: stem,
+            camera: full.resized(predicted.width(), predicted.height()),
+            reference_camera: full.resized(truth.width(), truth.height()),
+            predicted,
+            reference: truth,
+        });
+    }
+    Ok(scored)
+}
+
+fn depth_maps(output: &Path) -> Result<Vec<PathBuf>> {
+    let folder = output.join("depth");
+    let entries = std::fs::read_dir(&folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let mut paths: Vec<PathBuf> =
+        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "pfm")).collect();
+    paths.sort();
+    Ok(paths)
+}
+
+fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
+    let mut depths: Vec<f64> = scored
+        .iter()
+        .flat_map(|s| s.reference.as_slice().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)))
+        .collect();
+    let cap = args.cap.unwrap_or(CAP_SHARE * median(&mut depths));
+    let columns = ["view", "within 1 %", "within 2 %", "within 5 %", "coverage", "median error", "median error %", "normals mean deg", "normals median deg"];
+    let mut table = Table::new("Depth maps", columns);
+    let mut depth_scores = Vec::new();
+    let mut normal_scores = Vec::new();
+    for s in scored {
+        let predicted = DepthMap::new(&s.predicted, &s.camera.intrinsics);
+        let truth = DepthMap::new(&s.reference, &s.reference_camera.intrinsics);
+        let Some(depth) = score_depth(predicted, truth) else { continue };
+        let normal = score_depth_normals(predicted, truth).unwrap_or_default();
+        table.push(row(&s.name, &depth, &normal));
+        depth_scores.push(depth);
+        normal_scores.push(normal);
+    }
+    if let Some(mean) = DepthScore::mean(&depth_scores) {
+        let average = |f: fn(&NormalScore) -> f64| normal_scores.iter().map(f).sum::<f64>() / normal_scores.len() as f64;
+        let normal = NormalScore {
+            mean_angle_deg: average(|n| n.mean_angle_deg),
+            median_angle_deg: average(|n| n.median_angle_deg),
+            ..NormalScore::default()
+        };
+        table.push(row("mean", &mean, &normal));
+    }
+    Ok(Report {
+        title: format!("{} against {}", args.output.display(), args.scene.display()),
+        notes: vec![
+            "Shares are of all reference pixels; a missing depth is a miss. Errors are in scene units, over pixels with a prediction. Normals are those of the depth maps.".to_owned(),
+            format!("Distances count at most {cap:.4} scene units, which is also what a miss costs; only surface inside the reference silhouettes is scored."),
+        ],
+        tables: vec![table, chamfer_table(scored, args, cap)?],
+    })
+}
+
+fn row(name: &str, depth: &DepthScore, normal: &NormalScore) -> Vec<Cell> {
+    vec![
+        name.into(),
+        Cell::Share(depth.within_1pct),
+        Cell::Share(depth.within_2pct),
+        Cell::Share(depth.within_5pct),
+        Cell::Share(depth.coverage),
+        Cell::Value(depth.median_abs_error, 4),
+        Cell::Value(100.0 * depth.median_rel_error, 3),
+        Cell::Value(normal.mean_angle_deg, 2),
+        Cell::Value(normal.median_angle_deg, 2),
+    ]
+}
+
+/// Chamfer distances of the back-projected depth maps and, if there is one, of the mesh.
+fn chamfer_table(scored: &[Scored], args: &EvalDepthArgs, cap: f64) -> Result<Table> {
+    let mut table = Table::new("Object Chamfer distance", ["surface", "accuracy", "completeness", "overall"]);
+    let truth: Vec<[f32; 3]> = scored.iter().flat_map(|s| back_projected(&s.reference, &s.reference_camera)).collect();
+    let inside = |s: &Scored| {
+        let map = DepthMap::new(&s.reference, &s.reference_camera.intrinsics);
+        let own = DepthMap::new(&s.predicted, &s.camera.intrinsics);
+        let mask = Grid::from_fn(s.predicted.width(), s.predicted.height(), |x, y| {
+            map.lookup(map.pixel_from(Camera::pixel_centre(x, y), own.intrinsics)).is_some()
+        });
+        back_projected(&restricted_to(&s.predicted, &mask), &s.camera)
+    };
+    let points: Vec<[f32; 3]> = scored.iter().flat_map(inside).collect();
+    let mut push = |name: &str, points: &[[f32; 3]]| {
+        let score = object_chamfer(points, &truth, cap);
+        table.push([name.into(), Cell::Value(score.accuracy, 4), Cell::Value(score.completeness, 4), Cell::Value(score.overall, 4)]);
+    };
+    push("depth maps", &points);
+    let mesh_path = args.output.join("mesh.ply");
+    if mesh_path.is_file() {
+        let mesh = ply::read_ply(&std::fs::read(&mesh_path)?).with_context(|| mesh_path.display().to_string())?;
+        // As dense as the reference is: its pixel footprint.
+        let spacing = scored.iter().map(|s| footprint(&s.reference, &s.reference_camera)).fold(f64::INFINITY, f64::min);
+        let sampled = sample_mesh(&mesh, spacing);
+        let kept: Vec<[f32; 3]> = sampled.into_iter().filter(|p| scored.iter().any(|s| is_inside(*p, s))).collect();
+        push("mesh", &kept);
+    }
+    Ok(table)
+}
+
+fn footprint(depth: &Grid<f32>, camera: &Camera) -> f64 {
+    let mut depths: Vec<f64> = depth.as_slice().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
+    median(&mut depths) / camera.intrinsics.mean_focal()
+}
+
+fn is_inside(point: [f32; 3], s: &Scored) -> bool {
+    let world = glam::Vec3::from(point).as_dvec3();
+    s.reference_camera
+        .project(world)
+        .is_some_and(|(pixel, _)| DepthMap::new(&s.reference, &s.reference_camera.intrinsics).lookup(pixel).is_some())
+}

@@ -1,0 +1,45 @@
+//! The command line: arguments in, one command run, sentences out.
+//!
+//! Results go to stdout, talk to stderr. Invariant: parsing opens no file, and nothing but this folder prints.
+
+mod args;
+mod console;
+mod eval_depth;
+mod inspect;
+mod reconstruct;
+
+use args::{Cli, Command, EvalCommand};
+use clap::Parser;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Parses the command line and runs it.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    if let Some(threads) = cli.threads {
+        // Fails only when a pool exists already, which is never the case here.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    }
+    let json = cli.json;
+    let result = match cli.command {
+        Command::Reconstruct(ref args) => reconstruct::run(args, cli.json, cli.quiet),
+        Command::Inspect(ref args) => inspect::run(args, cli.json, cli.quiet),
+        Command::Eval { command: EvalCommand::Depth(ref args) } => eval_depth::run(args, cli.json),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            let sentence = format!("{error:#}");
+            if json {
+                print_line(&serde_json::json!({ "error": sentence }).to_string());
+            }
+            eprintln!("surfelsplat: {sentence}");
+            ExitCode::from(1)
+        }
+    }
+}
+
+/// Prints to stdout; a closed pipe (`| head`) is not an error.
+fn print_line(line: &str) {
+    let _ = writeln!(std::io::stdout().lock(), "{line}");
+}

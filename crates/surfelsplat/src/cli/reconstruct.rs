@@ -1,0 +1,49 @@
+//! `surfelsplat reconstruct`.
+
+use super::args::ReconstructArgs;
+use super::console::Console;
+use super::print_line;
+use anyhow::Result;
+use std::process::ExitCode;
+use surfelsplat::reconstruct::{Options, Report, reconstruct};
+
+pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> {
+    let options = Options {
+        views: args.views.clone(),
+        num_views: Some(args.num_views),
+        size: args.size,
+        format: args.format,
+        near: args.near,
+        far: args.far,
+        voxel: args.voxel,
+        keep_components: args.keep_components,
+        trust_cameras: args.trust_cameras,
+        ..Options::default()
+    };
+    let console = Console::new(quiet);
+    let result = reconstruct(&args.scene, &args.output, &options, &console);
+    console.finish();
+    let report = result?;
+    if json {
+        print_line(&serde_json::to_string_pretty(&report)?);
+    } else if !quiet {
+        print_line(&summary(&report, &args.output.display().to_string()));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn summary(report: &Report, out: &str) -> String {
+    let stages: Vec<String> = report
+        .timings
+        .iter()
+        .map(|t| format!("{} {:.2}", format!("{:?}", t.stage).to_lowercase(), t.ms / 1e3))
+        .collect();
+    format!(
+        "{out}: mesh of {} triangles, {} surfels, {} files; look at {out}/preview.png first\n{:.2} s ({})",
+        report.mesh.triangles,
+        report.surfels.count,
+        report.files.len() + 1,
+        report.total_ms / 1e3,
+        stages.join(", ")
+    )
+}
