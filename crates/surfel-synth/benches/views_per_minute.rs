@@ -3,7 +3,6 @@
 //! Plain timing, no harness: `cargo bench -p surfel-synth`. Asset scenes need the shared folder
 //! (`SURFELSPLAT_SHARED` or `../shared`).
 
-use std::path::PathBuf;
 use std::time::Instant;
 use surfel_synth::{SceneKind, SceneOptions};
 
@@ -18,12 +17,13 @@ fn analytic() {
         let options = SceneOptions { kind, ..SceneOptions::default() };
         let start = Instant::now();
         let views = options.render().len();
-        report(&format!("analytic {kind:?} 320x256, 3x3 samples"), views, start);
+        report(&format!("analytic {kind:?} 320x256"), views, start);
     }
 }
 
 #[cfg(feature = "assets")]
 fn assets() {
+    use std::path::PathBuf;
     use surfel_synth::{AssetLibrary, SceneSampler, Split, SynthConfig};
     let workspace = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
     let shared = std::env::var_os("SURFELSPLAT_SHARED").map_or_else(|| workspace.join("../shared"), PathBuf::from);
@@ -62,7 +62,9 @@ fn assets() {
 #[cfg(feature = "assets")]
 fn against_twin(library: &surfel_synth::AssetLibrary) {
     use glam::Vec3;
-    let mesh = library.mesh(&library.meshes()[0].name).expect("the shared meshes are readable");
+    let meshes =
+        library.meshes().iter().map(|entry| library.mesh(&entry.name).expect("the shared meshes are readable"));
+    let mesh = meshes.max_by_key(|mesh| mesh.num_triangles()).expect("a library is never empty");
     let mut random = surfel_synth::Random::new(1);
     let rays: Vec<(Vec3, Vec3)> = (0..20_000)
         .map(|_| {
@@ -74,7 +76,7 @@ fn against_twin(library: &surfel_synth::AssetLibrary) {
     let hits = rays.iter().filter(|(o, d)| mesh.intersect(*o, *d, 0.0, f32::INFINITY).is_some()).count();
     let fast = start.elapsed().as_secs_f64() / rays.len() as f64;
     let triangles: Vec<[Vec3; 3]> = (0..mesh.num_triangles()).map(|i| mesh.positions(i)).collect();
-    let few = &rays[..200];
+    let few = &rays[..100];
     let start = Instant::now();
     let slow_hits = few.iter().filter(|(o, d)| triangles.iter().any(|t| meets(t, *o, *d))).count();
     let slow = start.elapsed().as_secs_f64() / few.len() as f64;

@@ -1,29 +1,28 @@
-//! Draws a page of random scenes: picture, depth and normals of two views each.
+//! Draws a page of scenes: two pictures, depth and normals of each.
 //!
-//! `contact_sheet ASSETS_DIR train|val FIRST_SEED COUNT OUT.png [ROOM_SHARE]`
+//! `contact_sheet OUT.png` draws every kind of analytic scene;
+//! `contact_sheet OUT.png ASSETS_DIR train|val FIRST_SEED COUNT [ROOM_SHARE]` draws scanned objects.
 
 use std::error::Error;
+use surfel_core::Grid;
 use surfel_synth::contact_sheet::{contact_sheet, depth_tile, normal_tile};
-use surfel_synth::{AssetLibrary, SceneSampler, Split, SynthConfig, warp_statistics};
+use surfel_synth::{AssetLibrary, RenderedView, SceneSampler, Split, SynthConfig, warp_statistics};
+use surfel_synth::{SceneKind, SceneOptions};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [assets, split, first, count, out, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: contact_sheet ASSETS_DIR train|val FIRST_SEED COUNT OUT.png [ROOM_SHARE]".into());
+    let (out, pairs) = match arguments.as_slice() {
+        [out] => (out, analytic()),
+        [out, assets, split, first, count, rest @ ..] => {
+            let split = if split == "val" { Split::Val } else { Split::Train };
+            let room_share = rest.first().map_or(Ok(SynthConfig::default().room_share), |share| share.parse())?;
+            (out, scanned(&AssetLibrary::open(assets, split)?, room_share, first.parse()?, count.parse()?)?)
+        }
+        _ => return Err("usage: contact_sheet OUT.png [ASSETS_DIR train|val FIRST_SEED COUNT [ROOM_SHARE]]".into()),
     };
-    let split = if split == "val" { Split::Val } else { Split::Train };
-    let library = AssetLibrary::open(assets, split)?;
-    let mut config = SynthConfig::default();
-    if let Some(share) = rest.first() {
-        config.room_share = share.parse()?;
-    }
-    let sampler = SceneSampler::new(&library, config);
-    let (first, count): (u64, u64) = (first.parse()?, count.parse()?);
-    let mut tiles = Vec::new();
-    for seed in first..first + count {
-        let scene = sampler.scene(seed)?;
-        let (left, right) = (scene.render(0), scene.render(1));
-        println!("seed {seed}: {:?}", warp_statistics(&left, &right, 0.01));
+    let mut tiles: Vec<Grid<[f32; 3]>> = Vec::new();
+    for [left, right] in pairs {
+        println!("{:?}", warp_statistics(&left, &right, 0.01));
         let truth = [depth_tile(&left.depth), normal_tile(&left.normal)];
         tiles.extend([left.view.image, right.view.image].into_iter().chain(truth));
     }
@@ -32,4 +31,29 @@ fn main() -> Result<(), Box<dyn Error>> {
     let page = image::RgbImage::from_vec(sheet.width() as u32, sheet.height() as u32, bytes);
     page.ok_or("the page is too large")?.save(out)?;
     Ok(())
+}
+
+fn analytic() -> Vec<[RenderedView; 2]> {
+    use SceneKind::{Boxes, HeightField, Plane, Sphere, StillLife, Torus};
+    let kinds = [Sphere, Torus, Boxes, HeightField, Plane, StillLife];
+    let pair = |(seed, kind)| {
+        let options = SceneOptions { kind, seed, ..SceneOptions::default() };
+        let (scene, cameras) = (options.scene(), options.cameras());
+        [0, 1].map(|i| scene.render(&cameras[i], i.to_string(), &Default::default()))
+    };
+    (0..).zip(kinds).map(pair).collect()
+}
+
+fn scanned(
+    library: &AssetLibrary,
+    room_share: f64,
+    first: u64,
+    count: u64,
+) -> Result<Vec<[RenderedView; 2]>, Box<dyn Error>> {
+    let sampler = SceneSampler::new(library, SynthConfig { room_share, ..SynthConfig::default() });
+    let pair = |seed| {
+        let scene = sampler.scene(seed)?;
+        Ok([scene.render(0), scene.render(1)])
+    };
+    (first..first + count).map(pair).collect()
 }

@@ -70,7 +70,7 @@ impl Default for SceneOptions {
             num_views: 2,
             distance_in_radii: 3.25,
             pair_angle_deg: 11.0,
-            supersampling: 3,
+            supersampling: 2,
             noise: 0.0,
         }
     }

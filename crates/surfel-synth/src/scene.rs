@@ -97,18 +97,30 @@ impl Scene {
 
     /// Linear light that arrives along a ray, per channel.
     pub fn radiance(&self, ray: &Ray) -> Vec3 {
-        let Some(hit) = self.trace(ray, 0.0) else {
-            return Vec3::from(self.backdrop.map(linear_from_srgb));
-        };
-        let object = &self.objects[hit.object];
-        let point = ray.at(hit.t);
+        match self.trace(ray, 0.0) {
+            Some(hit) => self.albedo(hit.object, ray.at(hit.t)) * self.irradiance(ray, &hit),
+            None => self.backdrop_light(),
+        }
+    }
+
+    /// Linear albedo of the object at `index` at a world point.
+    pub fn albedo(&self, index: usize, point: DVec3) -> Vec3 {
+        let object = &self.objects[index];
         let texture_point = match object.texture_space {
             TextureSpace::World => point,
             TextureSpace::Surface => object.world_from_shape.inverse().transform(point),
         };
-        let albedo = Vec3::from(object.texture.colour(texture_point).to_array().map(linear_from_srgb));
-        let normal = if hit.normal.dot(ray.direction) > 0.0 { -hit.normal } else { hit.normal };
-        albedo * (self.lighting.ambient + self.key_light(point, normal))
+        Vec3::from(object.texture.colour(texture_point).to_array().map(linear_from_srgb))
+    }
+
+    /// Light on the side of a surface that a ray hit, as a factor on its albedo.
+    pub fn irradiance(&self, ray: &Ray, hit: &SceneHit) -> f32 {
+        self.lighting.ambient + self.key_light(ray.at(hit.t), facing(hit.normal, ray))
+    }
+
+    /// Linear light where rays meet nothing.
+    pub fn backdrop_light(&self) -> Vec3 {
+        Vec3::from(self.backdrop.map(linear_from_srgb))
     }
 
     /// The number written into object maps for the object at `index`.
@@ -131,4 +143,9 @@ impl Scene {
         let to_lamp = Ray { origin: point + normal * lift, direction: key_direction };
         if shadows && self.trace(&to_lamp, lift).is_some() { 0.0 } else { key * cosine as f32 }
     }
+}
+
+/// A normal turned towards where the ray comes from.
+pub(crate) fn facing(normal: DVec3, ray: &Ray) -> DVec3 {
+    if normal.dot(ray.direction) > 0.0 { -normal } else { normal }
 }
