@@ -106,7 +106,9 @@ impl Header {
         let (order, kind) = (chars.next().unwrap_or(' '), chars.next().unwrap_or(' '));
         let unknown = || format!("has elements of type {descr:?}; only plain numbers can be read");
         let size = chars.as_str().parse().map_err(|_| unknown())?;
-        if !matches!(order, '<' | '>' | '|' | '=') || !matches!((kind, size), ('f', 4 | 8) | ('i' | 'u', 1 | 2 | 4 | 8) | ('b', 1)) {
+        if !matches!(order, '<' | '>' | '|' | '=')
+            || !matches!((kind, size), ('f', 4 | 8) | ('i' | 'u', 1 | 2 | 4 | 8) | ('b', 1))
+        {
             return Err(unknown());
         }
         let shape = after("shape")?;

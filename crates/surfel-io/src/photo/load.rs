@@ -113,7 +113,12 @@ impl Frame {
 }
 
 /// Samples a shrunk photograph at full-resolution positions; blanks are black.
-fn remapped(from: &FloatRaster, map: &[Option<[f32; 2]>], (width, height): (usize, usize), frame: &Frame) -> FloatRaster {
+fn remapped(
+    from: &FloatRaster,
+    map: &[Option<[f32; 2]>],
+    (width, height): (usize, usize),
+    frame: &Frame,
+) -> FloatRaster {
     let (sx, sy) = (from.width as f64 / frame.width as f64, from.height as f64 / frame.height as f64);
     let channels = from.channels;
     let mut values = vec![0.0; width * height * channels];

@@ -2,6 +2,7 @@
 //!
 //! Invariant: no photograph is decoded whose header promises more than [`MAX_SIDE`] or [`MAX_PIXELS`].
 
+mod jpeg;
 mod load;
 mod pinhole;
 mod resample;
@@ -118,8 +119,11 @@ pub(crate) fn decode(path: &Path) -> Result<DynamicImage, ImageError> {
         return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
     }
     let fault = |source| ImageError::Read { path: path.to_owned(), source };
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let mut reader = reader.map_err(fault)?;
+    let bytes = std::fs::read(path).map_err(fault)?;
+    if !jpeg::is_complete(&bytes) {
+        return Err(ImageError::decode(path, "the image is cut short; copy the file again"));
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(fault)?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);

@@ -104,7 +104,11 @@ impl Field<'_> {
         // A principal point outside the picture, or a fold, can turn the inner box inside out.
         let usable = inner.low.cmplt(inner.high).all();
         let middle = 0.5 * (outer.low + outer.high);
-        let inner = if usable { inner } else { Slopes { low: middle.lerp(outer.low, 0.2), high: middle.lerp(outer.high, 0.2) } };
+        let inner = if usable {
+            inner
+        } else {
+            Slopes { low: middle.lerp(outer.low, 0.2), high: middle.lerp(outer.high, 0.2) }
+        };
         (outer, inner)
     }
 

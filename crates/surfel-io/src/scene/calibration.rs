@@ -35,7 +35,9 @@ pub(super) fn resolve(
     let turned = if swaps_axes(orientation) { (stored.1, stored.0) } else { stored };
     let stated = match calibration {
         Calibration::Sized(_, size) => Some(size),
-        Calibration::Unsized(k) => Some(((2.0 * k.cx).round().max(1.0) as usize, (2.0 * k.cy).round().max(1.0) as usize)),
+        Calibration::Unsized(k) => {
+            Some(((2.0 * k.cx).round().max(1.0) as usize, (2.0 * k.cy).round().max(1.0) as usize))
+        }
         _ => None,
     };
     let is_turned = stated.is_some_and(|stated| match calibration {
@@ -47,9 +49,7 @@ pub(super) fn resolve(
     if is_turned {
         notes.push("the cameras are for the photographs as the EXIF orientation shows them: pixels turned".to_owned());
     } else if orientation != Orientation::NoTransforms {
-        notes.push(
-            "the EXIF orientation is ignored, because the cameras are for the pixels as stored".to_owned(),
-        );
+        notes.push("the EXIF orientation is ignored, because the cameras are for the pixels as stored".to_owned());
     }
     let intrinsics = match calibration {
         Calibration::Sized(k, stated) => {

@@ -39,14 +39,15 @@ pub(super) fn detect(path: &Path, wanted: Option<FormatKind>) -> Result<Detectio
         return Ok(above);
     }
     if let Some(first) = own.first() {
-        // Cameras apart from their photographs, and not in a layout that has a name.
-        let full = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        let with_photographs = full.ancestors().skip(1).take(2).find(|root| holds_photographs(root));
-        let (root, warnings) = match with_photographs {
+        // A bare model folder in a layout without a name: its photographs are beside it. Never for a scene
+        // that only lost its photographs, or those of a stranger would be found.
+        let parent = std::fs::canonicalize(path).ok().and_then(|full| full.parent().map(Path::to_owned));
+        let beside = parent.filter(|parent| first.source == path && holds_photographs(parent));
+        let (root, warnings) = match beside {
             None => (path.to_owned(), Vec::new()),
-            Some(root) => {
-                let warning = format!("no photographs beside {}; looking for them in {}", first.source.display(), root.display());
-                (root.to_owned(), vec![warning])
+            Some(parent) => {
+                let (cameras, images) = (first.source.display(), parent.display());
+                (parent.clone(), vec![format!("no photographs in {cameras}; looking for them in {images}")])
             }
         };
         return Ok(Detection { root, candidates: own, warnings });
@@ -60,9 +61,11 @@ pub(super) fn detect(path: &Path, wanted: Option<FormatKind>) -> Result<Detectio
 /// The scene of a camera file, or of a folder like `sparse/0`: the nearest folder above that knows it.
 fn above(path: &Path, wanted: Option<FormatKind>) -> Option<Detection> {
     let full = std::fs::canonicalize(path).ok()?;
+    // `sparse` means `sparse/0`; a folder with photographs would be a scene of its own.
+    let is_model_parent = full.is_dir() && !holds_photographs(&full);
     let means = |candidate: &Candidate| {
         let one_of_many = full.is_file() && candidate.source.is_dir() && full.parent() == Some(&candidate.source);
-        candidate.source == full || one_of_many
+        candidate.source == full || one_of_many || (is_model_parent && candidate.source.starts_with(&full))
     };
     full.ancestors().skip(1).take(3).find_map(|root| {
         let mut known = of_kind(candidates(root), wanted);
@@ -140,7 +143,9 @@ fn sources(kind: FormatKind, root: &Path, files: &[PathBuf]) -> Vec<PathBuf> {
             found.sort_by_key(preference);
             found
         }
-        FormatKind::Idr => idr_files(npz_with("world_mat_0"), matching(&|name| name.starts_with("cameras") && name.ends_with(".npz"))),
+        FormatKind::Idr => {
+            idr_files(npz_with("world_mat_0"), matching(&|name| name.starts_with("cameras") && name.ends_with(".npz")))
+        }
         FormatKind::RobustMvd => npz_with("to_ref_transform"),
         FormatKind::MvsNet => ["cams", "cams_1", "Cameras", "Cameras/train", "."]
             .into_iter()
@@ -158,7 +163,9 @@ fn sources(kind: FormatKind, root: &Path, files: &[PathBuf]) -> Vec<PathBuf> {
         FormatKind::Strecha => {
             let mut folders = vec![root.to_owned()];
             folders.extend(subfolders(root));
-            folders.retain(|folder| self::files(folder).iter().any(|file| file.extension().is_some_and(|ext| ext == "camera")));
+            folders.retain(|folder| {
+                self::files(folder).iter().any(|file| file.extension().is_some_and(|ext| ext == "camera"))
+            });
             folders
         }
         FormatKind::PosesText if root.join("K.txt").is_file() => named("poses.txt"),

@@ -86,11 +86,8 @@ pub(crate) fn pose_from_rows(frame: &str, rows: &[f64]) -> Result<Rigid, Fault> 
             &rows[12..]
         )));
     }
-    let rotation = rotation_from_rows(&[
-        m(0, 0), m(0, 1), m(0, 2),
-        m(1, 0), m(1, 1), m(1, 2),
-        m(2, 0), m(2, 1), m(2, 2),
-    ]);
+    let rotation =
+        rotation_from_rows(&[m(0, 0), m(0, 1), m(0, 2), m(1, 0), m(1, 1), m(1, 2), m(2, 0), m(2, 1), m(2, 2)]);
     rigid(frame, rotation, DVec3::new(m(0, 3), m(1, 3), m(2, 3)))
 }
 

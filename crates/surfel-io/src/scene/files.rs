@@ -34,7 +34,8 @@ impl ImageFiles {
         let mut found = Vec::new();
         walk(root, Path::new(""), 0, &mut found)?;
         found.sort();
-        let (masks, photographs): (Vec<PathBuf>, Vec<PathBuf>) = found.into_iter().partition(|path| is_in_mask_folder(path));
+        let (masks, photographs): (Vec<PathBuf>, Vec<PathBuf>) =
+            found.into_iter().partition(|path| is_in_mask_folder(path));
         let mut by_folder: BTreeMap<(u32, PathBuf), Vec<PathBuf>> = BTreeMap::new();
         for path in photographs {
             let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -139,7 +140,9 @@ impl ImageFiles {
         let (_, _, best) = self
             .masks
             .iter()
-            .filter_map(|mask| Some((tier(mask)?, usize::MAX - common_tail(&folders(mask), &folders(photograph)), mask)))
+            .filter_map(|mask| {
+                Some((tier(mask)?, usize::MAX - common_tail(&folders(mask), &folders(photograph)), mask))
+            })
             .min()?;
         Some(best.clone())
     }
@@ -249,7 +252,8 @@ mod tests {
 
     #[test]
     fn names_survive_moved_folders_and_changed_extensions() {
-        let (_folder, files) = files(&["images_4/a.png", "images/a.png", "images/b.jpg", "depth/a.png", "train/r_0.png", "test/r_0.png"]);
+        let (_folder, files) =
+            files(&["images_4/a.png", "images/a.png", "images/b.jpg", "depth/a.png", "train/r_0.png", "test/r_0.png"]);
         assert_eq!(named(&files, "a.png").as_deref(), Some("images/a.png"));
         assert_eq!(named(&files, "/home/me/x/images_4/a.png").as_deref(), Some("images_4/a.png"));
         assert_eq!(named(&files, "b.png").as_deref(), Some("images/b.jpg"));
@@ -260,7 +264,8 @@ mod tests {
 
     #[test]
     fn masks_match_by_name_stem_or_number() {
-        let (_folder, files) = files(&["image/000023.jpg", "mask/023.png", "masks/b.jpg.png", "masks/b.png", "masks/c.png"]);
+        let (_folder, files) =
+            files(&["image/000023.jpg", "mask/023.png", "masks/b.jpg.png", "masks/b.png", "masks/c.png"]);
         let mask = |name: &str| files.mask_of(Path::new(name)).map(|path| path.display().to_string());
         assert_eq!(mask("image/000023.jpg").as_deref(), Some("mask/023.png"));
         assert_eq!(mask("image/b.jpg").as_deref(), Some("masks/b.jpg.png"));
@@ -270,7 +275,8 @@ mod tests {
 
     #[test]
     fn numbers_match_with_any_padding_and_dtu_counts_from_one() {
-        let (_folder, files) = files(&["images/rect_001_0_r5000.png", "images/rect_001_3_r5000.png", "images/rect_002_3_r5000.png"]);
+        let (_folder, files) =
+            files(&["images/rect_001_0_r5000.png", "images/rect_001_3_r5000.png", "images/rect_002_3_r5000.png"]);
         let found = files.find_all(&[&ImageKey::Rect(1), &ImageKey::Rect(7)]);
         assert_eq!(found, [Some("images/rect_001_3_r5000.png".into()), None]);
         assert_eq!(number_of_stem("frame_00023"), Some(23));

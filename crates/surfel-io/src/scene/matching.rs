@@ -9,9 +9,11 @@ use super::error::SceneError;
 use super::files::ImageFiles;
 use super::{Frame, SparsePoint};
 use crate::photo;
+use glam::DVec2;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use surfel_core::Lens;
 
 /// Frames, points and warnings of a scene.
 pub(super) struct Matched {
@@ -50,7 +52,11 @@ pub(super) fn match_photographs(root: &Path, source: &Path, cameras: CameraFile)
         return Err(too_few(root, source, frames.len(), stated, &missing, &files));
     }
     if !missing.is_empty() {
-        notes.add(format!("{} of {stated} photographs are missing and left out: {}", missing.len(), abbreviated(&missing)));
+        notes.add(format!(
+            "{} of {stated} photographs are missing and left out: {}",
+            missing.len(),
+            abbreviated(&missing)
+        ));
     }
     let keep = |seen_by: Vec<u32>| seen_by.into_iter().filter_map(|entry| frame_of_entry[entry as usize]).collect();
     let points = cameras.points.into_iter().map(|(position, seen_by)| SparsePoint { position, seen_by: keep(seen_by) });
@@ -91,7 +97,11 @@ fn frame(
 ) -> Result<Frame, SceneError> {
     let Entry { name, calibration, lens, camera_from_world, near_far, mask, .. } = entry;
     let image_path = root.join(path);
-    check_focal(source, &name, calibration)?;
+    check_optics(source, &name, calibration, &lens)?;
+    let sensible = near_far.filter(|&(near, far)| near > 0.0 && far > near && far.is_finite());
+    if sensible != near_far {
+        notes.add_for_frame("the stated depth range is empty or not in front of the camera; ignored".to_owned());
+    }
     let resolved = calibration::resolve(calibration, (header.width, header.height), header.orientation);
     let Resolved { intrinsics, width, height, orientation, notes: new } = resolved.map_err(|Unexplained(stated)| {
         let actual = (header.width, header.height);
@@ -109,24 +119,45 @@ fn frame(
             found
         }
     };
-    Ok(Frame { name, image_path, mask_path, width, height, intrinsics, lens, camera_from_world, near_far, orientation })
+    Ok(Frame {
+        name,
+        image_path,
+        mask_path,
+        width,
+        height,
+        intrinsics,
+        lens,
+        camera_from_world,
+        near_far: sensible,
+        orientation,
+    })
 }
 
-fn check_focal(source: &Path, frame: &str, calibration: Calibration) -> Result<(), SceneError> {
+fn check_optics(source: &Path, frame: &str, calibration: Calibration, lens: &Lens) -> Result<(), SceneError> {
     let sane = match calibration {
         Calibration::Sized(k, _) | Calibration::Unsized(k) | Calibration::Normalised(k) => {
             [k.fx, k.fy].iter().all(|f| f.is_finite() && *f > 0.0) && k.cx.is_finite() && k.cy.is_finite()
         }
         Calibration::FieldOfView(angle) => angle > 0.0 && angle < std::f64::consts::PI,
     };
-    if sane {
-        return Ok(());
-    }
-    let reason = format!("frame {frame}: the focal length or principal point is not a sensible number ({calibration:?})");
+    let reason = match (sane, lens.distort(DVec2::splat(0.1)).is_finite()) {
+        (true, true) => return Ok(()),
+        (false, _) => {
+            format!("frame {frame}: the focal length or principal point is not a sensible number ({calibration:?})")
+        }
+        (true, false) => format!("frame {frame}: a distortion coefficient is not a finite number"),
+    };
     Err(SceneError::Malformed { path: source.to_owned(), reason })
 }
 
-fn too_few(root: &Path, source: &Path, found: usize, stated: usize, missing: &[String], files: &ImageFiles) -> SceneError {
+fn too_few(
+    root: &Path,
+    source: &Path,
+    found: usize,
+    stated: usize,
+    missing: &[String],
+    files: &ImageFiles,
+) -> SceneError {
     let missing = match missing {
         [] => "add more photographs with poses".to_owned(),
         missing if files.is_empty() => format!("missing are {}, {}", abbreviated(missing), files.sample()),

@@ -129,12 +129,18 @@ fn described(candidate: &detect::Candidate, source: &Path) -> String {
     format!("{} ({})", source.display(), candidate.kind)
 }
 
+/// Different intrinsics; those of one camera differ by rounding where they come from projection matrices.
 fn num_cameras(frames: &[Frame]) -> usize {
-    let mut different: Vec<(Intrinsics, Lens, usize, usize)> = Vec::new();
+    let mut different: Vec<&Frame> = Vec::new();
     for frame in frames {
-        let camera = (frame.intrinsics, frame.lens, frame.width, frame.height);
-        if !different.contains(&camera) {
-            different.push(camera);
+        let close = |a: f64, b: f64| (a - b).abs() <= 1e-3 * frame.width as f64;
+        let same = |other: &&&Frame| {
+            let (k, l) = (frame.intrinsics, other.intrinsics);
+            let same_size = (frame.width, frame.height, frame.lens) == (other.width, other.height, other.lens);
+            same_size && close(k.fx, l.fx) && close(k.fy, l.fy) && close(k.cx, l.cx) && close(k.cy, l.cy)
+        };
+        if !different.iter().any(|other| same(&other)) {
+            different.push(frame);
         }
     }
     different.len()

@@ -22,7 +22,8 @@ impl Scene {
 
     fn find(&self, wanted: &str) -> Result<usize, SceneError> {
         let number = wanted.parse::<u64>().ok();
-        let file_name = |frame: &Frame| Path::new(&frame.name).file_name().map(|name| name.to_string_lossy().into_owned());
+        let file_name =
+            |frame: &Frame| Path::new(&frame.name).file_name().map(|name| name.to_string_lossy().into_owned());
         let readings: [&dyn Fn(&Frame) -> bool; 6] = [
             &|frame| frame.name == wanted,
             &|frame| file_name(frame).as_deref() == Some(wanted),

@@ -66,9 +66,7 @@ struct JsonScene {
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CameraFile, Fault> {
     let fault = |error: serde_json::Error| {
-        Fault::text(format!(
-            "is not a list of cameras with image, width, height, K and camera_from_world ({error})"
-        ))
+        Fault::text(format!("is not a list of cameras with image, width, height, K and camera_from_world ({error})"))
     };
     let is_list = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[');
     let scene = match is_list {

@@ -18,8 +18,7 @@ pub(in crate::scene) fn read(path: &Path) -> Result<CameraFile, SceneError> {
 pub(super) fn parse(bytes: &[u8]) -> Result<CameraFile, Fault> {
     let mut npz = Npz::from_bytes(bytes, Path::new("")).map_err(fault)?;
     let names = npz.names();
-    let mut numbers: Vec<u64> =
-        names.iter().filter_map(|name| name.strip_prefix("world_mat_")?.parse().ok()).collect();
+    let mut numbers: Vec<u64> = names.iter().filter_map(|name| name.strip_prefix("world_mat_")?.parse().ok()).collect();
     numbers.sort_unstable();
     if numbers.is_empty() {
         return Err(Fault::text("has no array world_mat_0"));

@@ -22,11 +22,8 @@ pub(in crate::scene) fn read(folder: &Path) -> Result<CameraFile, SceneError> {
 pub(super) fn parse(name: &str, bytes: &[u8]) -> Result<Entry, Fault> {
     let values: [f64; 26] = exactly(&numbers(utf8(bytes)?)?, "a .camera file (K, 0 0 0, R, C, size)")?;
     let k: [f64; 9] = exactly(&values[..9], "K")?;
-    let world_from_camera = rigid(
-        name,
-        rotation_from_rows(&exactly(&values[12..21], "R")?),
-        DVec3::from_slice(&values[21..24]),
-    )?;
+    let world_from_camera =
+        rigid(name, rotation_from_rows(&exactly(&values[12..21], "R")?), DVec3::from_slice(&values[21..24]))?;
     let (width, height) = (values[24], values[25]);
     if !(width >= 1.0 && height >= 1.0 && width < 1e6 && height < 1e6) {
         return Err(Fault::text(format!("states an image of {width} x {height} pixels")));

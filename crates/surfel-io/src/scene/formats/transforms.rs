@@ -53,8 +53,8 @@ struct Optics {
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CameraFile, Fault> {
-    let json: Transforms = serde_json::from_slice(bytes)
-        .map_err(|error| Fault::text(format!("is not a transforms file ({error})")))?;
+    let json: Transforms =
+        serde_json::from_slice(bytes).map_err(|error| Fault::text(format!("is not a transforms file ({error})")))?;
     let entries = json.frames.iter().map(|frame| entry(frame, &json.shared)).collect::<Result<_, _>>()?;
     Ok(CameraFile::new("nerfstudio/instant-ngp transforms", entries))
 }

@@ -56,7 +56,8 @@ pub(super) fn camera(
         return Err(Fault::text(format!("camera {id}: model {model} is not supported; {}", supported())));
     };
     let given = parameters.len();
-    let single_focal = matches!(model, "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE");
+    let single_focal =
+        matches!(model, "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE");
     let num_pinhole = if single_focal { 3 } else { 4 };
     if given < num_pinhole || (given < count && model == "FOV") {
         return Err(Fault::text(format!("camera {id}: {model} needs {count} parameters, not {given}")));

@@ -15,7 +15,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use surfel_core::Rigid;
 
-pub(super) use binary::{parse_cameras as binary_cameras, parse_images as binary_images, parse_points as binary_points};
+pub(super) use binary::{
+    parse_cameras as binary_cameras, parse_images as binary_images, parse_points as binary_points,
+};
 pub(super) use text::{parse_cameras as text_cameras, parse_images as text_images, parse_points as text_points};
 
 /// Cameras by id.
