@@ -68,19 +68,8 @@ struct Stage<'a> {
 /// A view without neighbours, or a range that is not `0 < near < far`, gives an empty estimate (all zero).
 pub fn estimate_depths(views: &[MatchView], neighbours: &[Vec<usize>], config: &MatchConfig) -> Vec<DepthEstimate> {
     let pyramid = pyramid(views, config.max_sweep_pixels);
-    let stage = |halvings: usize| {
-        let levels = &pyramid[halvings];
-        let images = levels.iter().zip(views).map(|(level, view)| level.image(view.image.features, halvings)).collect();
-        let step_share = 0.5f32.powi((pyramid.len() - 1 - halvings) as i32);
-        Stage { levels, images, neighbours, config, step_share }
-    };
-    let coarsest = stage(pyramid.len() - 1);
-    let mut surfaces: Vec<Option<Surface>> =
-        (0..views.len()).map(|v| coarsest.sweep_view(v, (views[v].near, views[v].far))).collect();
-    coarsest.refine_all(&mut surfaces, None);
-    for round in 0..config.refinement.rounds {
-        coarsest.refine_all(&mut surfaces, Some(round));
-    }
+    let stage = |halvings: usize| Stage::new(&pyramid, halvings, views, neighbours, config);
+    let mut surfaces = stage(pyramid.len() - 1).swept(views);
     for halvings in (0..pyramid.len() - 1).rev() {
         for (v, surface) in surfaces.iter_mut().enumerate() {
             if let Some(surface) = surface {
@@ -92,12 +81,39 @@ pub fn estimate_depths(views: &[MatchView], neighbours: &[Vec<usize>], config: &
             finer.refine_all(&mut surfaces, Some(round));
         }
     }
-    let finest = stage(0);
-    let agreement = finest.check_all(&surfaces);
+    let agreement = stage(0).check_all(&surfaces);
     (0..views.len())
         .map(|v| match (&surfaces[v], &agreement[v]) {
             (Some(surface), Some(agreement)) => finish(&views[v], surface, agreement, config),
             _ => empty(&views[v]),
+        })
+        .collect()
+}
+
+/// Per view, at the size of the sweep only: the inverse depths that another view confirms and that look alike
+/// there, and the number of pixels they are from.
+pub(crate) fn confident_inverse_depths(
+    views: &[MatchView],
+    neighbours: &[Vec<usize>],
+    config: &MatchConfig,
+) -> Vec<(Vec<f32>, usize)> {
+    /// Correlation from which two windows look alike beyond chance.
+    const ALIKE: f32 = 0.7;
+    let pyramid = pyramid(views, config.max_sweep_pixels);
+    let stage = Stage::new(&pyramid, pyramid.len() - 1, views, neighbours, config);
+    let surfaces = stage.swept(views);
+    let agreement = stage.check_all(&surfaces);
+    surfaces
+        .iter()
+        .zip(&agreement)
+        .map(|pair| {
+            let (Some(surface), Some(agreement)) = pair else { return (Vec::new(), 0) };
+            let pixels = surface.planes.as_slice().iter().zip(agreement.as_slice()).zip(surface.correction.as_slice());
+            let confident = pixels
+                .filter(|((_, a), c)| matches!(a, Agreement::Within(_)) && c.correlation > ALIKE)
+                .map(|((plane, _), _)| plane.w)
+                .collect();
+            (confident, surface.planes.len())
         })
         .collect()
 }
@@ -113,7 +129,31 @@ fn pyramid(views: &[MatchView], max_pixels: usize) -> Vec<Vec<Level>> {
     pyramid
 }
 
-impl Stage<'_> {
+impl<'a> Stage<'a> {
+    fn new(
+        pyramid: &'a [Vec<Level>],
+        halvings: usize,
+        views: &[MatchView<'a>],
+        neighbours: &'a [Vec<usize>],
+        config: &'a MatchConfig,
+    ) -> Self {
+        let levels = &pyramid[halvings];
+        let images = levels.iter().zip(views).map(|(level, view)| level.image(view.image.features, halvings)).collect();
+        let step_share = 0.5f32.powi((pyramid.len() - 1 - halvings) as i32);
+        Self { levels, images, neighbours, config, step_share }
+    }
+
+    /// Sweeps every view and refines at this size.
+    fn swept(&self, views: &[MatchView]) -> Vec<Option<Surface>> {
+        let mut surfaces: Vec<Option<Surface>> =
+            views.iter().enumerate().map(|(v, view)| self.sweep_view(v, (view.near, view.far))).collect();
+        self.refine_all(&mut surfaces, None);
+        for round in 0..self.config.refinement.rounds {
+            self.refine_all(&mut surfaces, Some(round));
+        }
+        surfaces
+    }
+
     fn sources(&self, v: usize) -> Vec<MatchImage<'_>> {
         self.neighbours[v].iter().map(|&n| self.images[n]).collect()
     }

@@ -169,7 +169,9 @@ fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let wrong = || "must be width x height, such as 320x256".to_owned();
     let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
     match (width.trim().parse(), height.trim().parse()) {
-        (Ok(width), Ok(height)) if width > 0 && height > 0 && width <= 16_384 && height <= 16_384 => Ok((width, height)),
+        (Ok(width), Ok(height)) if width > 0 && height > 0 && width <= 16_384 && height <= 16_384 => {
+            Ok((width, height))
+        }
         _ => Err(wrong()),
     }
 }

@@ -78,7 +78,17 @@ fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
         .flat_map(|s| s.reference.as_slice().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)))
         .collect();
     let cap = args.cap.unwrap_or(CAP_SHARE * median(&mut depths));
-    let columns = ["view", "within 1 %", "within 2 %", "within 5 %", "coverage", "median error", "median error %", "normals mean deg", "normals median deg"];
+    let columns = [
+        "view",
+        "within 1 %",
+        "within 2 %",
+        "within 5 %",
+        "coverage",
+        "median error",
+        "median error %",
+        "normals mean deg",
+        "normals median deg",
+    ];
     let mut table = Table::new("Depth maps", columns);
     let mut depth_scores = Vec::new();
     let mut normal_scores = Vec::new();
@@ -92,7 +102,8 @@ fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
         normal_scores.push(normal);
     }
     if let Some(mean) = DepthScore::mean(&depth_scores) {
-        let average = |f: fn(&NormalScore) -> f64| normal_scores.iter().map(f).sum::<f64>() / normal_scores.len() as f64;
+        let average =
+            |f: fn(&NormalScore) -> f64| normal_scores.iter().map(f).sum::<f64>() / normal_scores.len() as f64;
         let normal = NormalScore {
             mean_angle_deg: average(|n| n.mean_angle_deg),
             median_angle_deg: average(|n| n.median_angle_deg),
@@ -139,7 +150,12 @@ fn chamfer_table(scored: &[Scored], args: &EvalDepthArgs, cap: f64) -> Result<Ta
     let points: Vec<[f32; 3]> = scored.iter().flat_map(inside).collect();
     let mut push = |name: &str, points: &[[f32; 3]]| {
         let score = object_chamfer(points, &truth, cap);
-        table.push([name.into(), Cell::Value(score.accuracy, 4), Cell::Value(score.completeness, 4), Cell::Value(score.overall, 4)]);
+        table.push([
+            name.into(),
+            Cell::Value(score.accuracy, 4),
+            Cell::Value(score.completeness, 4),
+            Cell::Value(score.overall, 4),
+        ]);
     };
     push("depth maps", &points);
     let mesh_path = args.output.join("mesh.ply");

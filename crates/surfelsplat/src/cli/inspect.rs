@@ -6,9 +6,9 @@ use anyhow::{Context, Result, bail};
 use serde_json::json;
 use std::process::ExitCode;
 use surfel_core::Camera;
+use surfel_io::list_formats;
 use surfel_io::scene::{Frame, Scene};
 use surfel_io::write::write_atomically;
-use surfel_io::list_formats;
 use surfel_pair::plausible::oddities;
 use surfel_pair::{Features, Status, check_pair, epipolar_picture, match_features};
 use surfelsplat::reconstruct::choice::{choose, preview};
@@ -66,4 +66,3 @@ fn sizes(scene: &Scene) -> String {
     let which = if same { "photographs are" } else { "the first photograph is" };
     format!("{which} {w}x{h} with a horizontal field of view of {field:.0} degrees")
 }
-

@@ -102,7 +102,10 @@ fn check_sizes(scene: &Scene, frames: &[usize], sizes: &[(usize, usize)], log: &
         if !(0.75..=1.34).contains(&stretch) {
             log.warn(format!(
                 "{} is {}x{}; working at {width}x{height} changes its shape by a factor of {:.2}",
-                frame.name, frame.width, frame.height, stretch.max(1.0 / stretch)
+                frame.name,
+                frame.width,
+                frame.height,
+                stretch.max(1.0 / stretch)
             ));
         }
     }

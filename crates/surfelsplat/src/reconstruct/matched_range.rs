@@ -21,6 +21,8 @@ pub struct Range {
     pub far: f64,
     /// Where they come from.
     pub sentence: String,
+    /// True when the photographs were measured, false when a person or a file stated the range.
+    pub is_measured: bool,
 }
 
 /// Verdict on one pair of views, for the report.
@@ -68,13 +70,32 @@ impl MatchedRange {
             }
         }
         let checks = check_pairs(views, &pairs, options, log)?;
-        let ranges = (0..views.len())
+        let mut ranges = (0..views.len())
             .map(|v| range_of(input, v, &pairs, options))
             .collect::<Result<Vec<Range>, ReconstructError>>()?;
+        widen_by_probe(views, &neighbours, &mut ranges, options);
         for (view, range) in views.iter().zip(&ranges) {
-            log.say(format!("{}: depth {:.4} to {:.4} ({})", view.name, range.near, range.far, range.sentence));
+            log.say(format!("{}: depth {:.4} to {:.4}. {}", view.name, range.near, range.far, range.sentence));
         }
         Ok(Self { ranges, neighbours, checks })
+    }
+}
+
+/// Widens measured ranges to what a dense look at thumbnails finds; stated ranges stay.
+fn widen_by_probe(views: &[View], neighbours: &[Vec<usize>], ranges: &mut [Range], options: &Options) {
+    if ranges.iter().all(|range| !range.is_measured) {
+        return;
+    }
+    let measured: Vec<(f64, f64)> = ranges.iter().map(|r| (r.near, r.far)).collect();
+    let found = super::depth::probe(views, neighbours, &measured, &options.matching);
+    for (range, found) in ranges.iter_mut().zip(found) {
+        if let (true, Some((near, far))) = (range.is_measured, found) {
+            if near < range.near || far > range.far {
+                range.sentence.push_str(" Widened by a dense look at thumbnails.");
+            }
+            range.near = options.near.unwrap_or(range.near.min(near));
+            range.far = options.far.unwrap_or(range.far.max(far));
+        }
     }
 }
 
@@ -93,7 +114,10 @@ fn check_pairs(
             Status::Wrong if !options.trust_cameras => {
                 return Err(ReconstructError::Cameras {
                     views: names,
-                    sentence: format!("{} Look at it with `surfelsplat inspect`; --trust-cameras goes on regardless.", verdict.sentence),
+                    sentence: format!(
+                        "{} Look at it with `surfelsplat inspect`; --trust-cameras goes on regardless.",
+                        verdict.sentence
+                    ),
                 });
             }
             _ => log.warn(format!("{names}: {}", verdict.sentence)),
@@ -110,14 +134,20 @@ fn check_pairs(
     Ok(checks)
 }
 
-fn range_of(input: &Input, v: usize, pairs: &[(usize, usize, Vec<Match>)], options: &Options) -> Result<Range, ReconstructError> {
-    let stated = input.scene.frames[input.frames[v]].near_far.filter(|(near, far)| *near > 0.0 && far > near && far.is_finite());
+fn range_of(
+    input: &Input,
+    v: usize,
+    pairs: &[(usize, usize, Vec<Match>)],
+    options: &Options,
+) -> Result<Range, ReconstructError> {
+    let stated =
+        input.scene.frames[input.frames[v]].near_far.filter(|(near, far)| *near > 0.0 && far > near && far.is_finite());
     let measured = || measured_range(input, v, pairs);
     let mut range = match (options.near, options.far) {
-        (Some(near), Some(far)) => Range { near, far, sentence: "as asked".to_owned() },
+        (Some(near), Some(far)) => Range { near, far, sentence: "As asked.".to_owned(), is_measured: false },
         _ if input.scene.points.is_empty() && stated.is_some() => {
             let (near, far) = stated.unwrap_or_default();
-            Range { near, far, sentence: "stated by the camera file".to_owned() }
+            Range { near, far, sentence: "Stated by the camera file.".to_owned(), is_measured: false }
         }
         _ => measured()?,
     };
@@ -144,9 +174,10 @@ fn measured_range(input: &Input, v: usize, pairs: &[(usize, usize, Vec<Match>)])
             _ => None,
         })
         .collect();
-    let cameras: Vec<(&Camera, &[Match])> = swapped.iter().map(|(n, m)| (&input.views[*n].camera, m.as_slice())).collect();
+    let cameras: Vec<(&Camera, &[Match])> =
+        swapped.iter().map(|(n, m)| (&input.views[*n].camera, m.as_slice())).collect();
     let neighbours: Vec<Neighbour> = cameras.iter().map(|&(camera, matches)| Neighbour { camera, matches }).collect();
     let found = bounds(&input.views[v].camera, &points, &neighbours)
         .map_err(|source| ReconstructError::Range { views: input.names(), source })?;
-    Ok(Range { near: found.near, far: found.far, sentence: found.sentence })
+    Ok(Range { near: found.near, far: found.far, sentence: found.sentence, is_measured: true })
 }

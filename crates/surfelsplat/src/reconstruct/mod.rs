@@ -38,11 +38,19 @@ use surfel_stereo::DepthEstimate;
 /// Alpha from which a rendered pixel counts as surface.
 const SOLID: f32 = 0.5;
 
+/// An island of surface smaller than one triangle per this many solid pixels (about 0.1 % of them) is a floater.
+const PIXELS_PER_ISLAND_TRIANGLE: usize = 500;
+
 /// Reconstructs `scene` into the folder `out`.
 ///
 /// # Errors
 /// [`ReconstructError`]; then nothing has been written.
-pub fn reconstruct(scene: &Path, out: &Path, options: &Options, progress: &dyn Progress) -> Result<Report, ReconstructError> {
+pub fn reconstruct(
+    scene: &Path,
+    out: &Path,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Report, ReconstructError> {
     let log = Log::new(progress);
     let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
     let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
@@ -114,7 +122,11 @@ impl Road {
     fn mesh(&self, maps: &[ViewMaps], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
         let solid: Vec<Grid<f32>> = maps
             .iter()
-            .map(|m| Grid::from_fn(m.alpha.width(), m.alpha.height(), |x, y| if m.alpha[(x, y)] >= SOLID { m.depth[(x, y)] } else { 0.0 }))
+            .map(|m| {
+                Grid::from_fn(m.alpha.width(), m.alpha.height(), |x, y| {
+                    if m.alpha[(x, y)] >= SOLID { m.depth[(x, y)] } else { 0.0 }
+                })
+            })
             .collect();
         let depth_views: Vec<DepthView> = self
             .views
@@ -126,6 +138,8 @@ impl Road {
             return Ok((TriMesh::default(), empty_mesh_report()));
         }
         let mut config = MeshConfig::default();
+        let num_solid = solid.iter().map(|depth| depth.as_slice().iter().filter(|&&z| z > 0.0).count()).sum::<usize>();
+        config.min_triangles = config.min_triangles.max(num_solid / PIXELS_PER_ISLAND_TRIANGLE);
         if let Some(voxel) = options.voxel {
             config.tsdf = Some(TsdfConfig::uniform(voxel * self.working_from_scene.scale));
         }

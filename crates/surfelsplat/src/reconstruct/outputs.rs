@@ -67,7 +67,8 @@ impl Outputs<'_> {
             staged.write(note(format!("normal/{stem}.png")), |out| write_normal_png(out, &maps.normal))?;
             staged.write(note(format!("confidence/{stem}.png")), |out| write_confidence_png(out, confidence))?;
         }
-        let scene_cameras: Vec<Camera> = self.views.iter().map(|v| v.camera.in_frame(&self.scene_from_working)).collect();
+        let scene_cameras: Vec<Camera> =
+            self.views.iter().map(|v| v.camera.in_frame(&self.scene_from_working)).collect();
         let records: Vec<CameraRecord> = (0..self.views.len())
             .map(|v| CameraRecord { image: &self.images[v], camera: &scene_cameras[v], near_far: Some(self.ranges[v]) })
             .collect();

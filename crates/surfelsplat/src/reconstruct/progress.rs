@@ -31,16 +31,8 @@ pub enum Stage {
 
 impl Stage {
     /// All stages in the order they run.
-    pub const ALL: [Self; 8] = [
-        Self::Read,
-        Self::Check,
-        Self::Features,
-        Self::Depth,
-        Self::Surfels,
-        Self::Render,
-        Self::Mesh,
-        Self::Write,
-    ];
+    pub const ALL: [Self; 8] =
+        [Self::Read, Self::Check, Self::Features, Self::Depth, Self::Surfels, Self::Render, Self::Mesh, Self::Write];
 
     /// What the stage is doing, for a progress line.
     pub fn describe(self) -> &'static str {

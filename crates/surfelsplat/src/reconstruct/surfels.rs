@@ -89,10 +89,8 @@ fn rate_at(cameras: &[&Camera], home: usize, centre: DVec3, margin: f64) -> f64 
     multi_view_rate(cameras.iter().enumerate().filter_map(|(index, camera)| {
         let (pixel, z) = camera.project(centre)?;
         let (mx, my) = (margin * camera.width as f64, margin * camera.height as f64);
-        let seen = pixel.x > -mx
-            && pixel.y > -my
-            && pixel.x < camera.width as f64 + mx
-            && pixel.y < camera.height as f64 + my;
+        let seen =
+            pixel.x > -mx && pixel.y > -my && pixel.x < camera.width as f64 + mx && pixel.y < camera.height as f64 + my;
         let k = &camera.intrinsics;
         (seen || index == home).then(|| sampling_rate(NyquistMode::Consistent, k.fx, k.fy, z))
     }))
