@@ -228,10 +228,11 @@ fn complaint(a: &Camera, b: &Camera, oddities: &[Oddity], given: &Support, num_w
     if given.behind > given.count && 2 * given.behind > num_witnesses {
         return format!("{} of {num_witnesses} matches lie behind the cameras", given.behind);
     }
-    if axes_diverge(a, b) {
+    let distance = given.median_px.unwrap_or(f64::INFINITY);
+    // Views may well look outwards: worth saying only when they are far from right.
+    if distance > FAR_OFF * inlier_distance(a, b) && axes_diverge(a, b) {
         return "The cameras look away from each other".into();
     }
-    let distance = given.median_px.unwrap_or(f64::INFINITY);
     format!("The matches miss their epipolar lines by {distance:.1} px (median of {num_witnesses})")
 }
 
