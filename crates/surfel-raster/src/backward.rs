@@ -1,7 +1,6 @@
 //! Gradients of the maps to gradients of the surfels (spec 3.6, 3.7).
 //!
-//! Tiles run in parallel and write one gradient per contributor; surfels then gather theirs tile by tile in a
-//! fixed order. Invariant: the gradients are the same bits for any number of threads.
+//! Tiles run in parallel and write one gradient per contributor; surfels then sum theirs in order of tiles. Invariant: the gradients are the same bits for any number of threads.
 
 use crate::blend::{BlendConfig, Tile};
 use crate::blend_backward::{BlendTileBackward, RowGrad, SplatGrad};
@@ -24,8 +23,8 @@ use rayon::prelude::*;
 /// or when the surfels are not as many as the tape's.
 pub fn backward(surfels: &SurfelSlices, tape: &Tape, map_grads: &MapGrads) -> Result<SurfelGrads, RasterError> {
     surfels.validate()?;
-    if surfels.len() != tape.num_surfels {
-        return Err(RasterError::OtherSurfels { recorded: tape.num_surfels, given: surfels.len() });
+    if surfels.len() != tape.splats.len() {
+        return Err(RasterError::OtherSurfels { recorded: tape.splats.len(), given: surfels.len() });
     }
     map_grads.validate(tape.camera.width, tape.camera.height)?;
     let arch = pulp::Arch::new();
@@ -39,7 +38,7 @@ pub fn backward(surfels: &SurfelSlices, tape: &Tape, map_grads: &MapGrads) -> Re
             arch.dispatch(BlendTileBackward {
                 corner,
                 tile,
-                splats: &tape.sorted.splats,
+                splats: &tape.splats,
                 grads: &row_grads(map_grads, tile, corner, tape.camera.width),
                 background: tape.config.background,
                 config,
@@ -47,8 +46,8 @@ pub fn backward(surfels: &SurfelSlices, tape: &Tape, map_grads: &MapGrads) -> Re
             })
         })
         .collect();
-    let per_rank = gather(&tape.tiles, &per_tile, tape.sorted.splats.len());
-    Ok(surfel_grads(surfels, tape, &per_rank))
+    let shares = Shares::new(&tape.tiles, &per_tile, tape.splats.len());
+    Ok(surfel_grads(surfels, tape, &shares))
 }
 
 /// The tile's part of the incoming gradients, with that of the expected depth spread over sum and alpha.
@@ -86,7 +85,7 @@ fn row_grads(grads: &MapGrads, tile: &Tile, corner: (usize, usize), width: usize
 
 /// Gradients of one splat summed over tiles.
 #[derive(Clone, Copy, Default)]
-struct RankGrad {
+struct SummedGrad {
     per_x: DVec3,
     per_y: DVec3,
     at_origin: DVec3,
@@ -97,7 +96,7 @@ struct RankGrad {
     normal: DVec3,
 }
 
-impl RankGrad {
+impl SummedGrad {
     fn add(&mut self, g: &SplatGrad) {
         let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
         self.per_x += wide(g.per_x);
@@ -111,34 +110,44 @@ impl RankGrad {
     }
 }
 
-/// Sums the tiles' gradients per rank. Contributors ascend in rank, so a range of ranks is a range of every
-/// tile's list and ranges can go to different threads.
-fn gather(tiles: &[Tile], per_tile: &[Vec<SplatGrad>], num_ranks: usize) -> Vec<RankGrad> {
-    const MAX_RANGES: usize = 64;
-    let mut sums = vec![RankGrad::default(); num_ranks];
-    let range = num_ranks.div_ceil(MAX_RANGES).max(1);
-    sums.par_chunks_mut(range).enumerate().for_each(|(i, sums)| {
-        let first = (i * range) as u32;
-        let last = first + sums.len() as u32;
-        for (tile, grads) in tiles.iter().zip(per_tile) {
-            let start = tile.contributors.partition_point(|&rank| rank < first);
-            for (&rank, grad) in tile.contributors[start..].iter().zip(&grads[start..]) {
-                if rank >= last {
-                    break;
-                }
-                sums[(rank - first) as usize].add(grad);
-            }
-        }
-    });
-    sums
+/// The tiles' gradients regrouped by surfel: those of surfel `k` are `grads[starts[k]..starts[k + 1]]`, in order
+/// of tiles.
+struct Shares {
+    starts: Vec<u32>,
+    grads: Vec<SplatGrad>,
 }
 
-fn surfel_grads(surfels: &SurfelSlices, tape: &Tape, per_rank: &[RankGrad]) -> SurfelGrads {
-    let n = surfels.len();
-    let mut rank_of_surfel = vec![u32::MAX; n];
-    for (rank, &surfel) in tape.sorted.surfel_of_rank.iter().enumerate() {
-        rank_of_surfel[surfel as usize] = rank as u32;
+impl Shares {
+    fn new(tiles: &[Tile], per_tile: &[Vec<SplatGrad>], num_surfels: usize) -> Self {
+        let mut starts = vec![0u32; num_surfels + 1];
+        for &surfel in tiles.iter().flat_map(|tile| &tile.contributors) {
+            starts[surfel as usize + 1] += 1;
+        }
+        for surfel in 0..num_surfels {
+            starts[surfel + 1] += starts[surfel];
+        }
+        let mut next = starts.clone();
+        let mut grads = vec![SplatGrad::default(); starts[num_surfels] as usize];
+        for (tile, of_tile) in tiles.iter().zip(per_tile) {
+            for (&surfel, grad) in tile.contributors.iter().zip(of_tile) {
+                grads[next[surfel as usize] as usize] = *grad;
+                next[surfel as usize] += 1;
+            }
+        }
+        Self { starts, grads }
     }
+
+    /// `None` for a surfel blended nowhere.
+    fn sum(&self, surfel: usize) -> Option<SummedGrad> {
+        let grads = &self.grads[self.starts[surfel] as usize..self.starts[surfel + 1] as usize];
+        let mut sum = SummedGrad::default();
+        grads.iter().for_each(|grad| sum.add(grad));
+        (!grads.is_empty()).then_some(sum)
+    }
+}
+
+fn surfel_grads(surfels: &SurfelSlices, tape: &Tape, shares: &Shares) -> SurfelGrads {
+    let n = surfels.len();
     let mut out = SurfelGrads {
         centres: vec![[0.0; 3]; n],
         scales: vec![[0.0; 2]; n],
@@ -149,10 +158,10 @@ fn surfel_grads(surfels: &SurfelSlices, tape: &Tape, per_rank: &[RankGrad]) -> S
     let shapes = out.centres.par_iter_mut().zip(&mut out.scales).zip(&mut out.rotations).zip(&mut out.opacities);
     shapes.zip(out.sh.par_chunks_mut(surfels.num_coefficients())).enumerate().for_each(
         |(index, ((((centre, scales), rotation), opacity), sh))| {
-            let Some(grad) = per_rank.get(rank_of_surfel[index] as usize) else { return };
+            let Some(grad) = shares.sum(index) else { return };
             let mut d_sh = [[0.0; 3]; 16];
             let d_sh = &mut d_sh[..sh.len()];
-            let Some(shape) = one_surfel(surfels, tape, index, grad, d_sh) else { return };
+            let Some(shape) = one_surfel(surfels, tape, index, &grad, d_sh) else { return };
             *centre = shape.centre.as_vec3().to_array();
             *scales = shape.scales.as_vec2().to_array();
             *rotation = shape.rotation.map(|c| c as f32);
@@ -174,7 +183,7 @@ fn one_surfel(
     surfels: &SurfelSlices,
     tape: &Tape,
     index: usize,
-    grad: &RankGrad,
+    grad: &SummedGrad,
     d_sh: &mut [[f64; 3]],
 ) -> Option<crate::geometry_backward::ShapeGrad> {
     let shape = surfels.shape(index);

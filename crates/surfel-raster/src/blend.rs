@@ -80,7 +80,7 @@ impl Row {
 #[derive(Clone, Debug)]
 pub(crate) struct Tile {
     pub rows: Vec<Row>,
-    /// Ranks of the splats blended into at least one pixel, front to back.
+    /// Surfels blended into at least one pixel, front to back.
     pub contributors: Vec<u32>,
     /// Inverse depth from which the distortion's depths count.
     pub reference: f32,
@@ -92,8 +92,9 @@ pub(crate) struct BlendTile<'a, R> {
     pub corner: (usize, usize),
     /// Width and height of the image.
     pub size: (usize, usize),
-    /// Ranks of the splats to look at, front to back.
-    pub ranks: R,
+    /// Surfels to look at, front to back.
+    pub surfels: R,
+    /// Splats of all surfels.
     pub splats: &'a [Splat],
     pub config: BlendConfig,
 }
@@ -103,7 +104,7 @@ impl<R: Iterator<Item = u32>> WithSimd for BlendTile<'_, R> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Tile {
-        blend_tile(self.corner, self.size, self.ranks, self.splats, &self.config)
+        blend_tile(self.corner, self.size, self.surfels, self.splats, &self.config)
     }
 }
 
@@ -111,7 +112,7 @@ impl<R: Iterator<Item = u32>> WithSimd for BlendTile<'_, R> {
 fn blend_tile(
     corner: (usize, usize),
     size: (usize, usize),
-    ranks: impl Iterator<Item = u32>,
+    surfels: impl Iterator<Item = u32>,
     splats: &[Splat],
     config: &BlendConfig,
 ) -> Tile {
@@ -122,8 +123,8 @@ fn blend_tile(
     }
     let mut tile = Tile { rows: vec![empty; num_rows], contributors: Vec::new(), reference: 0.0 };
     let mut unfinished = num_rows;
-    for rank in ranks {
-        let splat = &splats[rank as usize];
+    for surfel in surfels {
+        let splat = &splats[surfel as usize];
         if tile.contributors.is_empty() {
             tile.reference = 1.0 / splat.z_centre;
         }
@@ -142,7 +143,7 @@ fn blend_tile(
             }
         }
         if blended {
-            tile.contributors.push(rank);
+            tile.contributors.push(surfel);
         }
         if unfinished == 0 {
             break;
@@ -243,33 +244,35 @@ pub(crate) fn evaluate_row(splat: &Splat, first_column: usize, row: usize, confi
 
 #[inline(always)]
 fn blend_row(row: &mut Row, splat: &Splat, sight: &Sight, end: u32, reference: f32, config: &BlendConfig) {
-    let mut after = [0.0; TILE];
     let mut blended = [0u32; TILE];
     let mut is_median = [0u32; TILE];
-    // Masks are whole integers and every update has a loop of its own: with `bool`s in one loop the compiler
-    // branches per lane instead of vectorising.
+    // Decisions are integers and updates arithmetic that cannot trap: anything else the compiler turns into a
+    // branch per lane.
     for lane in 0..TILE {
-        after[lane] = row.transmittance[lane] * (1.0 - sight.alpha[lane]);
-        let offered = u32::from(sight.alpha[lane] > 0.0) & (row.done[lane] ^ 1);
-        let saturated = offered & u32::from(after[lane] < MIN_TRANSMITTANCE as f32);
+        let (alpha, before) = (sight.alpha[lane], row.transmittance[lane]);
+        let offered = u32::from(alpha > 0.0) & (row.done[lane] ^ 1);
+        let saturated = offered & u32::from(before * (1.0 - alpha) < MIN_TRANSMITTANCE as f32);
         blended[lane] = offered ^ saturated;
-        is_median[lane] = blended[lane] & u32::from(row.transmittance[lane] > 0.5);
+        is_median[lane] = blended[lane] & u32::from(before > 0.5);
         row.done[lane] |= saturated;
     }
     let mut weight = [0.0; TILE];
     let mut opaque = [0.0; TILE];
     for lane in 0..TILE {
-        opaque[lane] = 1.0 - row.transmittance[lane];
-        weight[lane] = sight.alpha[lane] * row.transmittance[lane] * blended[lane] as f32;
+        let before = row.transmittance[lane];
+        let alpha = sight.alpha[lane] * blended[lane] as f32;
+        weight[lane] = alpha * before;
+        opaque[lane] = 1.0 - before;
+        row.transmittance[lane] = before * (1.0 - alpha);
     }
     for lane in 0..TILE {
-        row.transmittance[lane] = if blended[lane] == 1 { after[lane] } else { row.transmittance[lane] };
-        row.end[lane] = if blended[lane] == 1 { end } else { row.end[lane] };
-        row.num_blended[lane] += blended[lane];
+        let take = is_median[lane] as f32;
+        row.median[lane] = take * sight.z[lane] + (1.0 - take) * row.median[lane];
     }
     for lane in 0..TILE {
-        row.median[lane] = if is_median[lane] == 1 { sight.z[lane] } else { row.median[lane] };
-        row.median_end[lane] = if is_median[lane] == 1 { end } else { row.median_end[lane] };
+        row.end[lane] = row.end[lane].max(blended[lane].wrapping_mul(end));
+        row.median_end[lane] = row.median_end[lane].max(is_median[lane].wrapping_mul(end));
+        row.num_blended[lane] = row.num_blended[lane].wrapping_add(blended[lane]);
     }
     for lane in 0..TILE {
         let w = weight[lane];

@@ -165,7 +165,7 @@ impl BlendTileBackward<'_> {
                 + g.distortion[lane] * 2.0 * w * (m * opaque - done.m1[lane]) * slope;
             let unclamped = splat.opacity * sight.gauss[lane];
             let clamped = u32::from(unclamped >= MAX_ALPHA as f32) & exact;
-            let d_alpha = d_alpha * (1 - clamped) as f32;
+            let d_alpha = d_alpha * (clamped ^ 1) as f32;
             weight[lane] = w;
             d_gauss_gauss[lane] = unclamped * d_alpha;
             sums.opacity[lane] += sight.gauss[lane] * d_alpha;
@@ -189,8 +189,8 @@ impl BlendTileBackward<'_> {
             let lowpass_wins = sight.surfel_wins[lane] ^ 1;
             let through_surfel = d_gauss_gauss[lane] * sight.surfel_wins[lane] as f32;
             let through_lowpass = d_gauss_gauss[lane] * lowpass_wins as f32;
-            let d_z_uv = d_z[lane] * (1 - (lowpass_wins & drop_depth)) as f32;
-            let d_z_slope = d_z[lane] * (1 - (lowpass_wins & centre_depth)) as f32;
+            let d_z_uv = d_z[lane] * ((lowpass_wins & drop_depth) ^ 1) as f32;
+            let d_z_slope = d_z[lane] * ((lowpass_wins & centre_depth) ^ 1) as f32;
             let d_u = d_z_uv * splat.z_slope[0] - through_surfel * u;
             let d_v = d_z_uv * splat.z_slope[1] - through_surfel * v;
             let d_g = [d_u * inverse_g, d_v * inverse_g, -(d_u * u + d_v * v) * inverse_g];

@@ -9,7 +9,7 @@ use crate::ray_splat::Footprint;
 use glam::DVec2;
 
 /// Half-open rectangle of pixel indices, inside the image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelRect {
     /// First column.
     pub x0: u32,
@@ -19,6 +19,13 @@ pub struct PixelRect {
     pub y0: u32,
     /// One past the last row.
     pub y1: u32,
+}
+
+impl PixelRect {
+    /// True when it holds no pixel.
+    pub fn is_empty(&self) -> bool {
+        self.x0 >= self.x1 || self.y0 >= self.y1
+    }
 }
 
 /// Side of the reference rasterizer's tiles, pixels.
@@ -36,7 +43,7 @@ pub fn pixel_rect(camera: &PixelCamera, config: &RenderConfig, footprint: &Footp
     };
     let (low, high) = (low.clamp(DVec2::ZERO, size), high.clamp(DVec2::ZERO, size));
     let rect = PixelRect { x0: low.x as u32, x1: high.x as u32, y0: low.y as u32, y1: high.y as u32 };
-    (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
+    (!rect.is_empty()).then_some(rect)
 }
 
 fn alpha_aware(footprint: &Footprint, opacity: f64, size: DVec2) -> Option<(DVec2, DVec2)> {

@@ -3,6 +3,7 @@
 //! Invariant: every step keeps a fixed order, so the maps are the same bits for any number of threads.
 
 use crate::blend::{BlendConfig, BlendTile, Tile};
+use crate::bounds::pixel_rect;
 use crate::pixel_camera::PixelCamera;
 use crate::project::project;
 use crate::sh_colour;
@@ -16,17 +17,9 @@ use surfel_core::{Camera, Grid};
 pub struct Tape {
     pub(crate) camera: PixelCamera,
     pub(crate) config: RenderConfig,
-    pub(crate) num_surfels: usize,
-    pub(crate) sorted: Sorted,
+    pub(crate) splats: Vec<Splat>,
     pub(crate) grid: TileGrid,
     pub(crate) tiles: Vec<Tile>,
-}
-
-/// Visible splats, near to far.
-pub(crate) struct Sorted {
-    /// Surfel of each rank.
-    pub surfel_of_rank: Vec<u32>,
-    pub splats: Vec<Splat>,
 }
 
 /// Renders a surfel set; the maps alone.
@@ -48,50 +41,47 @@ pub fn forward(surfels: &SurfelSlices, camera: &Camera, config: &RenderConfig) -
     surfels.validate()?;
     config.validate()?;
     let camera = PixelCamera::new(camera)?;
-    let sorted = Sorted::new(surfels, &camera, config);
+    // A hidden surfel is the default splat, whose rectangle is empty.
+    let splats: Vec<Splat> = (0..surfels.len())
+        .into_par_iter()
+        .map(|index| splat_of(surfels, index, &camera, config).unwrap_or_default())
+        .collect();
     let grid = TileGrid::new(camera.width, camera.height);
-    let rects: Vec<_> = sorted.splats.iter().map(|splat| splat.rect).collect();
-    let lists = TileLists::new(grid, &rects);
+    let lists = TileLists::new(grid, &splats, &depth_order(&splats));
     let blend = BlendConfig::new(config);
     let arch = pulp::Arch::new();
     let size = (camera.width, camera.height);
     let tiles: Vec<Tile> = (0..grid.len())
         .into_par_iter()
-        .map(|t| {
-            let (corner, ranks, splats) = (grid.corner(t), lists.ranks(t), sorted.splats.as_slice());
-            arch.dispatch(BlendTile { corner, size, ranks, splats, config: blend })
+        .map(|index| {
+            let (corner, surfels, splats) = (grid.corner(index), lists.surfels(index, &splats), splats.as_slice());
+            arch.dispatch(BlendTile { corner, size, surfels, splats, config: blend })
         })
         .collect();
     let maps = write_maps(&tiles, grid, size, config.background);
-    Ok((maps, Tape { camera, config: *config, num_surfels: surfels.len(), sorted, grid, tiles }))
+    Ok((maps, Tape { camera, config: *config, splats, grid, tiles }))
 }
 
-impl Sorted {
-    fn new(surfels: &SurfelSlices, camera: &PixelCamera, config: &RenderConfig) -> Self {
-        let splats: Vec<Option<(u64, Splat)>> =
-            (0..surfels.len()).into_par_iter().map(|index| splat_of(surfels, index, camera, config)).collect();
-        let mut order: Vec<u64> = splats.iter().flatten().map(|(key, _)| *key).collect();
-        order.par_sort_unstable();
-        let surfel_of_rank: Vec<u32> = order.par_iter().map(|&key| key as u32).collect();
-        let splats = surfel_of_rank.par_iter().filter_map(|&k| splats[k as usize].as_ref()).map(|(_, s)| *s).collect();
-        Self { surfel_of_rank, splats }
-    }
+/// Visible surfels from near to far.
+fn depth_order(splats: &[Splat]) -> Vec<u32> {
+    let visible = splats.iter().enumerate().filter(|(_, splat)| !splat.rect.is_empty());
+    let mut keys: Vec<u64> = visible.map(|(index, splat)| splat.depth_key(index as u32)).collect();
+    keys.par_sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
 }
 
-/// The splat of one surfel with its sorting key: depth above, index below, so equal depths keep their order.
-fn splat_of(surfels: &SurfelSlices, index: usize, camera: &PixelCamera, config: &RenderConfig) -> Option<(u64, Splat)> {
+/// The splat of one surfel; `None` when it is broken or no pixel can see it.
+fn splat_of(surfels: &SurfelSlices, index: usize, camera: &PixelCamera, config: &RenderConfig) -> Option<Splat> {
     let shape = surfels.shape(index);
     let projected = project(camera, config, &shape)?;
+    let rect = pixel_rect(camera, config, &projected.footprint, shape.opacity)?;
     let mut coefficients = [[0.0; 3]; 16];
     let sh = surfels.sh_of(index);
     for (wide, narrow) in coefficients.iter_mut().zip(sh) {
         *wide = narrow.map(f64::from);
     }
     let colour = sh_colour::colour(&coefficients[..sh.len()], projected.direction);
-    let splat = Splat::new(camera, config, &projected, shape.opacity, colour)?;
-    // Bits of positive floats sort like the floats.
-    let key = u64::from(projected.depth_key().to_bits()) << 32 | index as u64;
-    Some((key, splat))
+    Splat::new(camera, &projected, rect, shape.opacity, colour)
 }
 
 fn write_maps(tiles: &[Tile], grid: TileGrid, (width, height): (usize, usize), background: [f32; 3]) -> Maps {

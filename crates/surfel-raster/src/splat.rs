@@ -4,13 +4,12 @@
 //! `x (tv x tw) + y (tw x tu) + tu x tv`: three multiply-adds per component. `z = det / g_z`, so inverse depth
 //! is linear too. Invariant: every field is finite.
 
-use crate::bounds::{PixelRect, pixel_rect};
-use crate::config::RenderConfig;
+use crate::bounds::PixelRect;
 use crate::pixel_camera::PixelCamera;
 use crate::project::Projected;
 use glam::{DVec2, DVec3};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Splat {
     /// Homogeneous hit per pixel column, per row, and at the origin; scaled so that the largest entry is 1.
     pub per_x: [f32; 3],
@@ -65,16 +64,15 @@ impl LinearForm {
 }
 
 impl Splat {
-    /// `None` when no pixel can see it or a number does not fit f32.
+    /// `None` when a number does not fit f32.
     pub fn new(
         camera: &PixelCamera,
-        config: &RenderConfig,
         projected: &Projected,
+        rect: PixelRect,
         opacity: f64,
         colour: [f64; 3],
     ) -> Option<Self> {
         let footprint = &projected.footprint;
-        let rect = pixel_rect(camera, config, footprint, opacity)?;
         let form = LinearForm::new(camera, projected);
         let tw = footprint.transform.tw;
         let narrow = |v: DVec3| v.as_vec3().to_array();
@@ -94,6 +92,11 @@ impl Splat {
             rect,
         };
         splat.is_finite().then_some(splat)
+    }
+
+    /// Sorts by z-depth of the centre, then by index: bits of positive floats order like the floats.
+    pub fn depth_key(&self, index: u32) -> u64 {
+        u64::from(self.z_centre.to_bits()) << 32 | u64::from(index)
     }
 
     fn is_finite(&self) -> bool {

@@ -1,19 +1,20 @@
 //! Which surfels each tile has to look at, front to back (spec 3.3, 3.4).
 //!
-//! Splats come sorted by depth; their index in that order is their *rank*. The sorted range is cut into a
-//! fixed number of chunks, each binned on its own, so lists are ascending in rank and the same for any
-//! number of threads. Splats over very many tiles stay in one shared list, which bounds the memory.
+//! The depth-sorted surfels are cut into a fixed number of chunks, each binned on its own, so the lists keep
+//! the order and are the same for any number of threads. Surfels over very many tiles stay in one shared
+//! list, which bounds the memory.
 
 use crate::bounds::PixelRect;
+use crate::splat::Splat;
 use rayon::prelude::*;
 
 /// Pixels along one side of a tile.
 pub(crate) const TILE: usize = 16;
 
-/// A splat over more tiles than this is kept once and looked at by every tile.
+/// A surfel over more tiles than this is kept once and looked at by every tile.
 const MAX_COPIES: usize = 64;
 
-/// Splats per chunk, at least; and chunks, at most.
+/// Surfels per chunk, at least; and chunks, at most.
 const MIN_CHUNK: usize = 4096;
 const MAX_CHUNKS: usize = 32;
 
@@ -53,8 +54,8 @@ struct TileRect {
 }
 
 impl TileRect {
-    fn count(&self) -> usize {
-        self.columns.len() * self.rows.len()
+    fn is_wide(&self) -> bool {
+        self.columns.len() * self.rows.len() > MAX_COPIES
     }
 
     fn tiles(&self, grid_columns: usize) -> impl Iterator<Item = usize> + '_ {
@@ -62,10 +63,10 @@ impl TileRect {
     }
 }
 
-/// One chunk of ranks sorted into tiles: those of tile `t` are `ranks[starts[t]..starts[t + 1]]`.
+/// One chunk of the depth order, sorted into tiles: tile `t` has `surfels[starts[t]..starts[t + 1]]`.
 struct Chunk {
     starts: Vec<u32>,
-    ranks: Vec<u32>,
+    surfels: Vec<u32>,
     wide: Vec<u32>,
 }
 
@@ -76,24 +77,22 @@ pub(crate) struct TileLists {
 }
 
 impl TileLists {
-    /// Bins rectangles given in order of rank.
-    pub fn new(grid: TileGrid, rects: &[PixelRect]) -> Self {
-        let chunk_len = rects.len().div_ceil(MAX_CHUNKS).max(MIN_CHUNK);
-        let mut chunks: Vec<Chunk> = rects
-            .par_chunks(chunk_len)
-            .enumerate()
-            .map(|(i, rects)| Chunk::new(grid, rects, (i * chunk_len) as u32))
-            .collect();
+    /// Bins the surfels of `order`, near to far, by the rectangles of their splats.
+    pub fn new(grid: TileGrid, splats: &[Splat], order: &[u32]) -> Self {
+        let chunk_len = order.len().div_ceil(MAX_CHUNKS).max(MIN_CHUNK);
+        let mut chunks: Vec<Chunk> =
+            order.par_chunks(chunk_len).map(|surfels| Chunk::new(grid, splats, surfels)).collect();
         let wide = chunks.iter_mut().flat_map(|chunk| std::mem::take(&mut chunk.wide)).collect();
         Self { chunks, wide }
     }
 
-    /// Ranks that tile `index` has to look at, ascending.
-    pub fn ranks(&self, index: usize) -> impl Iterator<Item = u32> + '_ {
+    /// Surfels that tile `index` has to look at, near to far.
+    pub fn surfels<'a>(&'a self, index: usize, splats: &'a [Splat]) -> impl Iterator<Item = u32> + 'a {
+        let key = |surfel: u32| splats[surfel as usize].depth_key(surfel);
         let mut narrow = self.chunks.iter().flat_map(move |chunk| chunk.of_tile(index)).copied().peekable();
         let mut wide = self.wide.iter().copied().peekable();
         std::iter::from_fn(move || match (narrow.peek(), wide.peek()) {
-            (Some(a), Some(b)) if b < a => wide.next(),
+            (Some(&a), Some(&b)) if key(b) < key(a) => wide.next(),
             (Some(_), _) => narrow.next(),
             (None, _) => wide.next(),
         })
@@ -101,13 +100,13 @@ impl TileLists {
 }
 
 impl Chunk {
-    fn new(grid: TileGrid, rects: &[PixelRect], first_rank: u32) -> Self {
+    fn new(grid: TileGrid, splats: &[Splat], order: &[u32]) -> Self {
         let mut starts = vec![0u32; grid.len() + 1];
         let mut wide = Vec::new();
-        for (rank, rect) in (first_rank..).zip(rects) {
-            let covered = grid.covered(rect);
-            if covered.count() > MAX_COPIES {
-                wide.push(rank);
+        let covered: Vec<TileRect> = order.iter().map(|&surfel| grid.covered(&splats[surfel as usize].rect)).collect();
+        for (&surfel, covered) in order.iter().zip(&covered) {
+            if covered.is_wide() {
+                wide.push(surfel);
                 continue;
             }
             for tile in covered.tiles(grid.columns) {
@@ -118,22 +117,18 @@ impl Chunk {
             starts[tile + 1] += starts[tile];
         }
         let mut next = starts.clone();
-        let mut ranks = vec![0u32; starts[grid.len()] as usize];
-        for (rank, rect) in (first_rank..).zip(rects) {
-            let covered = grid.covered(rect);
-            if covered.count() > MAX_COPIES {
-                continue;
-            }
+        let mut surfels = vec![0u32; starts[grid.len()] as usize];
+        for (&surfel, covered) in order.iter().zip(&covered).filter(|(_, covered)| !covered.is_wide()) {
             for tile in covered.tiles(grid.columns) {
-                ranks[next[tile] as usize] = rank;
+                surfels[next[tile] as usize] = surfel;
                 next[tile] += 1;
             }
         }
-        Self { starts, ranks, wide }
+        Self { starts, surfels, wide }
     }
 
     fn of_tile(&self, index: usize) -> &[u32] {
-        &self.ranks[self.starts[index] as usize..self.starts[index + 1] as usize]
+        &self.surfels[self.starts[index] as usize..self.starts[index + 1] as usize]
     }
 }
 
@@ -142,24 +137,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_hold_exactly_the_splats_that_touch_a_tile_in_order() {
+    fn lists_hold_exactly_the_surfels_that_touch_a_tile_in_order() {
         let grid = TileGrid::new(333, 190);
-        let rects: Vec<PixelRect> = (0..9000u32)
+        let splats: Vec<Splat> = (0..9000u32)
             .map(|i| {
                 let (x0, y0) = (i * 7919 % 300, i * 104_729 % 180);
                 let side = if i % 500 == 0 { 300 } else { 1 + i % 40 };
-                PixelRect { x0, x1: (x0 + side).min(333), y0, y1: (y0 + side).min(190) }
+                let rect = PixelRect { x0, x1: (x0 + side).min(333), y0, y1: (y0 + side).min(190) };
+                Splat { rect, z_centre: 1.0 + (i * 31 % 97) as f32, ..Splat::default() }
             })
             .collect();
-        let lists = TileLists::new(grid, &rects);
+        let mut order: Vec<u32> = (0..9000).collect();
+        order.sort_by_key(|&i| splats[i as usize].depth_key(i));
+        let lists = TileLists::new(grid, &splats, &order);
         assert!(!lists.wide.is_empty(), "the scene must exercise the shared list");
         for tile in 0..grid.len() {
             let (x, y) = grid.corner(tile);
-            let touches = |r: &PixelRect| {
+            let touches = |&surfel: &u32| {
+                let r = &splats[surfel as usize].rect;
                 (r.x0 as usize) < x + TILE && r.x1 as usize > x && (r.y0 as usize) < y + TILE && r.y1 as usize > y
             };
-            let expected: Vec<u32> = (0..9000).filter(|&rank| touches(&rects[rank as usize])).collect();
-            let found: Vec<u32> = lists.ranks(tile).filter(|&rank| touches(&rects[rank as usize])).collect();
+            let expected: Vec<u32> = order.iter().copied().filter(touches).collect();
+            let found: Vec<u32> = lists.surfels(tile, &splats).filter(touches).collect();
             assert_eq!(found, expected);
         }
     }

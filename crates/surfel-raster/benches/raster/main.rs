@@ -2,7 +2,8 @@
 //!
 //! `compute` is the share of the vector arithmetic rate that the useful operations (those on pixels a surfel is
 //! blended into) reach; `memory` the share of the copy bandwidth that reading every surfel and writing every map
-//! once would take. Processor time is printed beside wall time because benches often share their machine.
+//! once would take. Processor time is printed beside wall time because benches often share their machine. An
+//! argument picks the scenes whose name contains it.
 
 mod bound;
 mod scene;
@@ -18,16 +19,20 @@ const BACKWARD_OPS: f64 = 190.0;
 fn main() {
     let bound = bound::Bound::measure();
     println!("machine: {:.0} Gop/s f32, {:.1} GB/s copy, {} threads", bound.ops / 1e9, bound.bytes / 1e9, bound.threads);
-    for (width, height, footprint) in [(320, 256, 1.0), (320, 256, 2.0), (320, 256, 3.0), (1024, 512, 2.0)] {
-        let (surfels, camera) = scene::two_views(width, height, footprint);
-        println!("{width}x{height}, {} surfels, footprint {footprint} px", surfels.len());
-        report(&bound, &surfels, &camera);
+    let wanted = std::env::args().skip(1).find(|arg| !arg.starts_with('-')).unwrap_or_default();
+    // The last two: the time per surfel must stay what it was at one million surfels.
+    let scenes = [(320, 256, 1.0), (320, 256, 2.0), (320, 256, 3.0), (1024, 512, 2.0), (724, 724, 2.0)];
+    for (width, height, footprint) in scenes {
+        let (surfels, mut camera) = scene::two_views(width, height, footprint);
+        if width == 724 {
+            camera = camera.resized(1024, 1024);
+        }
+        let name = format!("{}x{}, footprint {footprint} px", camera.width, camera.height);
+        if name.contains(&wanted) {
+            println!("{name}, {} surfels", surfels.len());
+            report(&bound, &surfels, &camera);
+        }
     }
-    // One million surfels on a square megapixel: the time per surfel must stay what it was.
-    let (surfels, camera) = scene::two_views(724, 724, 2.0);
-    let camera = camera.resized(1024, 1024);
-    println!("1024x1024, {} surfels, footprint 2.8 px", surfels.len());
-    report(&bound, &surfels, &camera);
 }
 
 fn report(bound: &bound::Bound, surfels: &Surfels, camera: &Camera) {
