@@ -79,7 +79,9 @@ fn main() {
         if let Some(v) = e("WW") {
             cfg.cost.wide = v
         }
-        let t = Instant::now();
+        if let Some(v) = e("WID") { cfg.refinement.fit_widening = v }
+ if let Some(v) = e("WF") { cfg.cost.features = v }
+ let t = Instant::now();
         let out = estimate_depths(&mv, &nb, &cfg);
         eprintln!("{d} {:?} D={}", t.elapsed(), out[0].num_candidates);
         for (i, o) in out.iter().enumerate() {

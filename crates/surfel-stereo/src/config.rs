@@ -55,6 +55,8 @@ pub struct Refinement {
     pub fit_radius: usize,
     /// How many times `fit_radius` the sparse outer rings of the plane fit reach.
     pub fit_reach: usize,
+    /// How many times wider (in area) the plane fit averages where evidence is weakest.
+    pub fit_widening: f32,
     /// Luma difference at which a neighbour's weight in the plane fit has fallen to 1/e.
     pub fit_edge: f32,
 }
@@ -68,6 +70,7 @@ impl Default for Refinement {
             window_edge: 0.1,
             fit_radius: 5,
             fit_reach: 4,
+            fit_widening: 16.0,
             fit_edge: 0.08,
         }
     }

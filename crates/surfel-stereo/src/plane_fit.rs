@@ -36,10 +36,12 @@ pub struct Evidence {
 
 /// Where a fit looks, nearest first: every pixel close by, then ever sparser rings.
 ///
-/// The weight falls slowly with distance, so where the evidence nearby is strong the far rings hardly
-/// count, and where it is weak (a bare wall) they carry the plane across.
+/// The weight falls slowly with distance, and the more slowly the weaker the evidence nearby is: texture is
+/// followed closely, a bare wall is averaged widely.
 struct Neighbourhood {
     offsets: Vec<(isize, isize, f32)>,
+    /// Squared distance at which a neighbour's weight has halved where evidence is strong, pixels².
+    reach_sq: f32,
 }
 
 impl Neighbourhood {
@@ -57,12 +59,11 @@ impl Neighbourhood {
                     _ => continue,
                 };
                 if dx % stride == 0 && dy % stride == 0 {
-                    let reach_sq = (radius * radius) as f32 / 2.0;
-                    offsets.push((dx, dy, 1.0 / (1.0 + distance_sq as f32 / reach_sq.max(1.0))));
+                    offsets.push((dx, dy, distance_sq as f32));
                 }
             }
         }
-        Self { offsets }
+        Self { offsets, reach_sq: ((radius * radius) as f32 / 2.0).max(1.0) }
     }
 }
 
@@ -79,13 +80,29 @@ pub fn fit_planes(
 ) -> Grid<Plane> {
     let (width, height) = (evidence.width(), evidence.height());
     let neighbourhood = Neighbourhood::new(config);
+    let strength = local_strength(evidence);
     let mut planes = Grid::filled(width, height, Plane::default());
     planes.as_mut_slice().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (x, out) in row.iter_mut().enumerate() {
-            *out = fit_plane(evidence, current[(x, y)], guide, tolerance, config, &neighbourhood, x, y);
+            let reach_sq =
+                neighbourhood.reach_sq * (STRONG / strength[(x, y)].max(1e-6)).clamp(1.0, config.fit_widening);
+            *out =
+                fit_plane(evidence, current[(x, y)], guide, tolerance, config, &neighbourhood.offsets, reach_sq, x, y);
         }
     });
     planes
+}
+
+/// Evidence weight of well-textured pixels.
+const STRONG: f32 = 0.25;
+
+/// Mean evidence weight of the 5x5 pixels around each pixel.
+fn local_strength(evidence: &Grid<Evidence>) -> Grid<f32> {
+    Grid::from_fn(evidence.width(), evidence.height(), |x, y| {
+        let around = (-2..=2isize).flat_map(|dy| (-2..=2isize).map(move |dx| (dx, dy)));
+        around.filter_map(|(dx, dy)| evidence.get(x as isize + dx, y as isize + dy)).map(|e| e.weight).sum::<f32>()
+            / 25.0
+    })
 }
 
 fn fit_plane(
@@ -94,7 +111,8 @@ fn fit_plane(
     guide: &Grid<[f32; 3]>,
     tolerance: f32,
     config: &Refinement,
-    neighbourhood: &Neighbourhood,
+    offsets: &[(isize, isize, f32)],
+    reach_sq: f32,
     x: usize,
     y: usize,
 ) -> Plane {
@@ -104,7 +122,8 @@ fn fit_plane(
     // Normal equations of residuals r = w - current.at(dx, dy), which keeps the numbers small.
     let mut m = [0.0f32; 6];
     let mut v = [0.0f32; 3];
-    for &(dx, dy, near) in &neighbourhood.offsets {
+    let inverse_reach_sq = 1.0 / reach_sq;
+    for &(dx, dy, distance_sq) in offsets {
         let (px, py) = (x as isize + dx, y as isize + dy);
         let Some(q) = evidence.get(px, py).filter(|q| q.weight > 0.0) else { continue };
         let (dx, dy) = (dx as f32, dy as f32);
@@ -113,6 +132,7 @@ fn fit_plane(
         let colour_sq: f32 = (0..3).map(|c| (colour[c] - own[c]) * (colour[c] - own[c])).sum();
         let alike = 1.0 / (1.0 + colour_sq * inverse_edge_sq);
         let agree = 1.0 / (1.0 + residual * residual * inverse_tolerance_sq);
+        let near = 1.0 / (1.0 + distance_sq * inverse_reach_sq);
         let weight = q.weight * near * alike * alike * agree * agree;
         m[0] += weight;
         m[1] += weight * dx;

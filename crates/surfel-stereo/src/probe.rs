@@ -14,7 +14,7 @@ const MAX_PIXELS: usize = 16_000;
 const MIN_SHARE: f64 = 0.05;
 
 /// Share of the confident pixels left out at either end, as strays.
-const STRAY_SHARE: f64 = 0.003;
+const STRAY_SHARE: f64 = 0.01;
 
 /// Share of the range by which the confident pixels are widened on both sides.
 const MARGIN: f64 = 0.08;
