@@ -108,10 +108,10 @@ pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;
     }
-    let middle = values.len() / 2;
+    let (middle, even) = (values.len() / 2, values.len().is_multiple_of(2));
     let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    if below.len() == middle && values.len() % 2 == 0 {
-        let lower = values[..middle].iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if even {
+        let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         return (lower + upper) / 2.0;
     }
     upper
