@@ -55,6 +55,16 @@ pub enum RasterError {
         /// Rows rendered.
         height: usize,
     },
+    /// A gradient map with a value that is NaN or infinite.
+    #[error("the gradient of the {map} map is not finite at pixel ({x}, {y}); check the loss for a division by zero")]
+    GradientValue {
+        /// Which map.
+        map: &'static str,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
     /// `backward` was given other surfels than the `forward` that made the tape.
     #[error("the tape was recorded for {recorded} surfels but {given} were given; pass the same surfels to forward and backward")]
     OtherSurfels {

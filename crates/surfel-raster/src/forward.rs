@@ -80,7 +80,7 @@ fn splat_of(surfels: &SurfelSlices, index: usize, camera: &PixelCamera, config: 
     for (wide, narrow) in coefficients.iter_mut().zip(sh) {
         *wide = narrow.map(f64::from);
     }
-    let colour = sh_colour::colour(&coefficients[..sh.len()], projected.direction);
+    let colour = sh_colour::colour(&coefficients[..sh.len()], projected.direction)?;
     Splat::new(camera, &projected, rect, shape.opacity, colour)
 }
 

@@ -9,6 +9,7 @@
 
 pub mod bounds;
 pub mod config;
+pub mod derived;
 pub mod error;
 pub mod ray_splat;
 pub mod maps;

@@ -48,27 +48,32 @@ pub struct MapGrads {
 
 impl MapGrads {
     /// # Errors
-    /// [`RasterError::GradientSize`] for the first map of another size.
+    /// [`RasterError::GradientSize`] or [`RasterError::GradientValue`] for the first map of another size or with a
+    /// value that is not finite.
     pub fn validate(&self, width: usize, height: usize) -> Result<(), RasterError> {
-        fn size<T>(map: &Option<Grid<T>>) -> Option<(usize, usize)> {
-            map.as_ref().map(|grid| (grid.width(), grid.height()))
-        }
-        let sizes = [
-            ("colour", size(&self.colour)),
-            ("alpha", size(&self.alpha)),
-            ("depth_sum", size(&self.depth_sum)),
-            ("depth_expected", size(&self.depth_expected)),
-            ("depth_median", size(&self.depth_median)),
-            ("normal", size(&self.normal)),
-            ("distortion", size(&self.distortion)),
-        ];
-        for (map, found) in sizes {
-            if let Some((found_width, found_height)) = found
-                && (found_width, found_height) != (width, height)
-            {
-                return Err(RasterError::GradientSize { map, found_width, found_height, width, height });
-            }
-        }
-        Ok(())
+        check("colour", &self.colour, (width, height), |c| c.iter().all(|v| v.is_finite()))?;
+        check("alpha", &self.alpha, (width, height), |v| v.is_finite())?;
+        check("depth_sum", &self.depth_sum, (width, height), |v| v.is_finite())?;
+        check("depth_expected", &self.depth_expected, (width, height), |v| v.is_finite())?;
+        check("depth_median", &self.depth_median, (width, height), |v| v.is_finite())?;
+        check("normal", &self.normal, (width, height), |n| n.iter().all(|v| v.is_finite()))?;
+        check("distortion", &self.distortion, (width, height), |v| v.is_finite())
+    }
+}
+
+fn check<T>(
+    map: &'static str,
+    grads: &Option<Grid<T>>,
+    (width, height): (usize, usize),
+    is_finite: impl Fn(&T) -> bool,
+) -> Result<(), RasterError> {
+    let Some(grid) = grads else { return Ok(()) };
+    let (found_width, found_height) = (grid.width(), grid.height());
+    if (found_width, found_height) != (width, height) {
+        return Err(RasterError::GradientSize { map, found_width, found_height, width, height });
+    }
+    match grid.as_slice().iter().position(|value| !is_finite(value)) {
+        Some(pixel) => Err(RasterError::GradientValue { map, x: pixel % width, y: pixel / width }),
+        None => Ok(()),
     }
 }

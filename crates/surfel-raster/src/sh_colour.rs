@@ -6,9 +6,10 @@
 use glam::DVec3;
 use surfel_core::sh;
 
-/// Colour of coefficients seen along unit direction `d` (world, camera to surfel).
-pub fn colour(coefficients: &[[f64; 3]], d: DVec3) -> [f64; 3] {
-    unclamped(coefficients, &sh::basis(d)).map(|c| c.max(0.0))
+/// Colour of coefficients seen along unit direction `d` (world, camera to surfel); `None` unless all are finite.
+pub fn colour(coefficients: &[[f64; 3]], d: DVec3) -> Option<[f64; 3]> {
+    let finite = coefficients.as_flattened().iter().all(|c| c.is_finite());
+    finite.then(|| unclamped(coefficients, &sh::basis(d)).map(|c| c.max(0.0)))
 }
 
 fn unclamped(coefficients: &[[f64; 3]], basis: &[f64; 16]) -> [f64; 3] {
@@ -93,7 +94,7 @@ mod tests {
     fn a_clamped_channel_passes_no_gradient() {
         let mut grads = [[9.0; 3]];
         let coefficients = [[-3.0, 1.0, 0.0]];
-        assert_eq!(colour(&coefficients, DVec3::Z)[0], 0.0);
+        assert_eq!(colour(&coefficients, DVec3::Z).map(|c| c[0]), Some(0.0));
         colour_grad(&coefficients, DVec3::Z, [1.0; 3], &mut grads);
         assert_eq!(grads[0][0], 0.0);
         assert!(grads[0][1] > 0.0);

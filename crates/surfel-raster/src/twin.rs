@@ -98,7 +98,7 @@ impl TwinScene {
             .enumerate()
             .filter_map(|(index, (shape, sh))| {
                 let projected = project(&camera, config, shape)?;
-                let colour = sh_colour::colour(sh, projected.direction);
+                let colour = sh_colour::colour(sh, projected.direction)?;
                 let rect = pixel_rect(&camera, config, &projected.footprint, shape.opacity);
                 Some(TwinSplat { index, opacity: shape.opacity, projected, colour, rect })
             })
