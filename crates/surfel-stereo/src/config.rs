@@ -17,7 +17,7 @@ pub struct CostWeights {
 
 impl Default for CostWeights {
     fn default() -> Self {
-        Self { small: 1.0, small_radius: 2, wide: 0.6, wide_radius: 4, features: 0.8 }
+        Self { small: 1.0, small_radius: 1, wide: 0.6, wide_radius: 3, features: 0.8 }
     }
 }
 
@@ -36,7 +36,7 @@ pub struct Smoothness {
 
 impl Default for Smoothness {
     fn default() -> Self {
-        Self { p1: 0.06, p2: 0.6, p2_edge: 0.2, edge: 0.06 }
+        Self { p1: 0.06, p2: 0.9, p2_edge: 0.2, edge: 0.06 }
     }
 }
 
@@ -68,10 +68,10 @@ impl Default for Refinement {
             finer_rounds: 2,
             window_radius: 4,
             window_edge: 0.1,
-            fit_radius: 5,
-            fit_reach: 4,
+            fit_radius: 7,
+            fit_reach: 3,
             fit_widening: 16.0,
-            fit_edge: 0.08,
+            fit_edge: 0.12,
         }
     }
 }
