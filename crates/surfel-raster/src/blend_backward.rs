@@ -181,7 +181,15 @@ impl BlendTileBackward<'_> {
 
     /// From the Gaussian and the depth to the homogeneous hit and the low-pass centre.
     #[inline(always)]
-    fn hits_backward(&self, splat: &Splat, sight: &Sight, d_gauss_gauss: &Lanes, d_z: &Lanes, dy: f32, sums: &mut Sums) {
+    fn hits_backward(
+        &self,
+        splat: &Splat,
+        sight: &Sight,
+        d_gauss_gauss: &Lanes,
+        d_z: &Lanes,
+        dy: f32,
+        sums: &mut Sums,
+    ) {
         let centre_depth = u32::from(self.config.centre_depth_when_lowpass);
         let drop_depth = u32::from(self.reference_grad) | centre_depth;
         for lane in 0..TILE {

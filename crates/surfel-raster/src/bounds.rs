@@ -35,7 +35,12 @@ const REFERENCE_TILE: f64 = 16.0;
 const SLACK: f64 = 1e-2;
 
 /// Pixels in which a surfel may show; `None` when there are none.
-pub fn pixel_rect(camera: &PixelCamera, config: &RenderConfig, footprint: &Footprint, opacity: f64) -> Option<PixelRect> {
+pub fn pixel_rect(
+    camera: &PixelCamera,
+    config: &RenderConfig,
+    footprint: &Footprint,
+    opacity: f64,
+) -> Option<PixelRect> {
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let (low, high) = match config.bounding_box {
         BoundingBox::AlphaAware => alpha_aware(footprint, opacity, size)?,

@@ -59,10 +59,7 @@ impl Differences {
             let z = depth[(x, y)];
             (z.is_finite() && z > 0.0).then(|| ray(intrinsics, x, y) * f64::from(z))
         };
-        let out = Self {
-            down: point(x, y + 1)? - point(x, y - 1)?,
-            right: point(x + 1, y)? - point(x - 1, y)?,
-        };
+        let out = Self { down: point(x, y + 1)? - point(x, y - 1)?, right: point(x + 1, y)? - point(x - 1, y)? };
         (out.down.cross(out.right).length_squared() > 0.0).then_some(out)
     }
 
@@ -117,7 +114,8 @@ mod tests {
     #[test]
     fn gradient_agrees_with_differences() {
         let depth = Grid::from_fn(9, 8, |x, y| 2.0 + 0.1 * (x as f32).sin() + 0.07 * (y as f32 * 1.7).cos());
-        let weights = Grid::from_fn(9, 8, |x, y| [(x * 5 % 7) as f32 - 3.0, (y * 3 % 5) as f32 - 2.0, ((x + y) % 3) as f32]);
+        let weights =
+            Grid::from_fn(9, 8, |x, y| [(x * 5 % 7) as f32 - 3.0, (y * 3 % 5) as f32 - 2.0, ((x + y) % 3) as f32]);
         let loss = |depth: &Grid<f32>| -> f64 {
             let normals = depth_normals(depth, &K);
             let dot = |(n, w): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(n[c]) * f64::from(w[c])).sum::<f64>();

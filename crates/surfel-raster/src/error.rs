@@ -4,7 +4,9 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RasterError {
     /// The arrays describe different numbers of surfels.
-    #[error("{array} has {found} entries but {expected} are needed for {surfels} surfels; pass arrays of one surfel set")]
+    #[error(
+        "{array} has {found} entries but {expected} are needed for {surfels} surfels; pass arrays of one surfel set"
+    )]
     Length {
         /// The array that disagrees.
         array: &'static str,
@@ -66,7 +68,9 @@ pub enum RasterError {
         y: usize,
     },
     /// `backward` was given other surfels than the `forward` that made the tape.
-    #[error("the tape was recorded for {recorded} surfels but {given} were given; pass the same surfels to forward and backward")]
+    #[error(
+        "the tape was recorded for {recorded} surfels but {given} were given; pass the same surfels to forward and backward"
+    )]
     OtherSurfels {
         /// Number recorded.
         recorded: usize,

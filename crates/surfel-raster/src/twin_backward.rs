@@ -30,7 +30,8 @@ pub fn backward(
     }
     let mut grads = surfels.clone();
     for shape in &mut grads.shapes {
-        *shape = crate::slices::SurfelShape { centre: DVec3::ZERO, scales: DVec2::ZERO, rotation: [0.0; 4], opacity: 0.0 };
+        *shape =
+            crate::slices::SurfelShape { centre: DVec3::ZERO, scales: DVec2::ZERO, rotation: [0.0; 4], opacity: 0.0 };
     }
     grads.sh.iter_mut().flatten().for_each(|c| *c = [0.0; 3]);
     for (splat, screen) in scene.splats.iter().zip(&screen) {

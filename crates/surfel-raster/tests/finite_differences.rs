@@ -45,7 +45,10 @@ fn check(config: &RenderConfig, count: usize, sh_degree: usize, seed: u64) -> (u
         let Some(expected) = expected else { return };
         usable += 1;
         let tolerance = 2e-4 * expected.abs().max(1e-1);
-        assert!((found - expected).abs() <= tolerance, "seed {seed}, {name} of {k}: {found}, differences say {expected}");
+        assert!(
+            (found - expected).abs() <= tolerance,
+            "seed {seed}, {name} of {k}: {found}, differences say {expected}"
+        );
     };
     for k in 0..count {
         let scale = surfels.shapes[k].scales.min_element();
@@ -86,12 +89,22 @@ fn check_scenes(config: &RenderConfig) {
 
 #[test]
 fn exact_gradients() {
-    check_scenes(&RenderConfig { background: [0.4, 0.1, 0.8], dist_near: 0.5, dist_far: 6.0, ..RenderConfig::default() });
+    check_scenes(&RenderConfig {
+        background: [0.4, 0.1, 0.8],
+        dist_near: 0.5,
+        dist_far: 6.0,
+        ..RenderConfig::default()
+    });
 }
 
 #[test]
 fn exact_gradients_with_centre_depth() {
-    check_scenes(&RenderConfig { centre_depth_when_lowpass: true, dist_near: 0.5, dist_far: 6.0, ..RenderConfig::default() });
+    check_scenes(&RenderConfig {
+        centre_depth_when_lowpass: true,
+        dist_near: 0.5,
+        dist_far: 6.0,
+        ..RenderConfig::default()
+    });
 }
 
 #[test]

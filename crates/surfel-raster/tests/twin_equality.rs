@@ -22,7 +22,9 @@ fn configs() -> Vec<(&'static str, RenderConfig)> {
 #[test]
 fn maps_agree() {
     for (name, config) in configs() {
-        for (seed, (width, height, count)) in [(70, 45, 400), (33, 17, 1500), (16, 16, 40), (1, 1, 30)].into_iter().enumerate() {
+        for (seed, (width, height, count)) in
+            [(70, 45, 400), (33, 17, 1500), (16, 16, 40), (1, 1, 30)].into_iter().enumerate()
+        {
             let camera = camera(width, height);
             let surfels = surfels(&camera, count, seed % 4, seed as u64);
             let slices = SurfelSlices::from(&surfels);
@@ -81,7 +83,8 @@ fn the_comparison_sees_an_interior_change_and_counts_border_ones() {
     let slow = twin::render(&TwinSurfels::from(&slices), &camera, &config).expect("a sound scene");
     assert!(compare(&maps, &slow, TOLERANCE).is_ok());
 
-    let on_border = |margin: f64| slow.as_slice().iter().position(|p| (p.margin < TOLERANCE.margin) == (margin < TOLERANCE.margin));
+    let on_border =
+        |margin: f64| slow.as_slice().iter().position(|p| (p.margin < TOLERANCE.margin) == (margin < TOLERANCE.margin));
     let interior = on_border(1.0).expect("most pixels are interior");
     let mut wrong = maps.clone();
     wrong.alpha.as_mut_slice()[interior] += 1e-3;

@@ -18,7 +18,12 @@ const BACKWARD_OPS: f64 = 190.0;
 
 fn main() {
     let bound = bound::Bound::measure();
-    println!("machine: {:.0} Gop/s f32, {:.1} GB/s copy, {} threads", bound.ops / 1e9, bound.bytes / 1e9, bound.threads);
+    println!(
+        "machine: {:.0} Gop/s f32, {:.1} GB/s copy, {} threads",
+        bound.ops / 1e9,
+        bound.bytes / 1e9,
+        bound.threads
+    );
     let wanted = std::env::args().skip(1).find(|arg| !arg.starts_with('-')).unwrap_or_default();
     // The last two: the time per surfel must stay what it was at one million surfels.
     let scenes = [(320, 256, 1.0), (320, 256, 2.0), (320, 256, 3.0), (1024, 512, 2.0), (724, 724, 2.0)];

@@ -55,7 +55,8 @@ pub fn map_grads(width: usize, height: usize, seed: u64) -> MapGrads {
     let mut scalar = || Some(Grid::from_fn(width, height, |_, _| rng.random_range(-1.0..1.0f32)));
     let (alpha, depth_sum, depth_expected) = (scalar(), scalar(), scalar());
     let (depth_median, distortion) = (scalar(), scalar());
-    let mut vector = || Some(Grid::from_fn(width, height, |_, _| std::array::from_fn(|_| rng.random_range(-1.0..1.0f32))));
+    let mut vector =
+        || Some(Grid::from_fn(width, height, |_, _| std::array::from_fn(|_| rng.random_range(-1.0..1.0f32))));
     MapGrads { colour: vector(), alpha, depth_sum, depth_expected, depth_median, normal: vector(), distortion }
 }
 
@@ -138,7 +139,8 @@ fn worst(maps: &Maps, i: usize, slow: &TwinPixel) -> (&'static str, f64) {
         pairs.push(("normal", maps.normal.as_slice()[i][c], slow.normal[c]));
     }
     let difference = |fast: f32, slow: f64| (f64::from(fast) - slow).abs() / slow.abs().max(1.0);
-    pairs.into_iter().map(|(name, fast, slow)| (name, difference(fast, slow))).fold(("", 0.0), |a, b| {
-        if b.1.is_nan() || b.1 > a.1 { b } else { a }
-    })
+    pairs
+        .into_iter()
+        .map(|(name, fast, slow)| (name, difference(fast, slow)))
+        .fold(("", 0.0), |a, b| if b.1.is_nan() || b.1 > a.1 { b } else { a })
 }
