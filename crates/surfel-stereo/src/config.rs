@@ -69,7 +69,7 @@ impl Default for Refinement {
             window_radius: 4,
             window_edge: 0.1,
             fit_radius: 7,
-            fit_reach: 3,
+            fit_reach: 4,
             fit_widening: 16.0,
             fit_edge: 0.12,
         }
