@@ -84,8 +84,8 @@ impl Polynomial {
         for i in 1..=STEPS {
             let r = limit * i as f64 / STEPS as f64;
             let image = r * self.radial_factor(r * r);
-            // Not `image <= previous`: a NaN behind a pole must stop the scan too.
-            if !(image > previous) {
+            // A NaN behind a pole must stop the scan too.
+            if image.is_nan() || image <= previous {
                 return limit * (i - 1) as f64 / STEPS as f64;
             }
             previous = image;
@@ -120,7 +120,8 @@ impl Polynomial {
         }
         let radial = |r: f64| r * self.radial_factor(r * r);
         // The tangential terms may carry a point just beyond the radial limit; Newton decides there.
-        if !(target <= radial(monotonic) * 1.02 + 1e-9) {
+        let reach = radial(monotonic) * 1.02 + 1e-9;
+        if target.is_nan() || reach.is_nan() || target > reach {
             return None;
         }
         let (mut low, mut high) = (0.0, monotonic);

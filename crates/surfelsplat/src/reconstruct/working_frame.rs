@@ -12,7 +12,7 @@ pub fn working_from_scene(cameras: &[Camera]) -> Option<Similarity> {
     let baseline = longest_baseline(cameras);
     let reach = cameras.iter().map(|c| c.centre().length()).fold(0.0, f64::max);
     // Below this the baseline is rounding error of the camera centres.
-    if !(baseline > 1e-9 * reach) {
+    if baseline.is_nan() || baseline <= 1e-9 * reach {
         return None;
     }
     let scale = 1.0 / baseline;
