@@ -8,8 +8,9 @@ mod style;
 
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
-fn main() -> Result<()> {
+fn main() -> Result<ExitCode> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let root = workspace_root();
     let (name, faults) = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
@@ -19,10 +20,11 @@ fn main() -> Result<()> {
     };
     if faults.is_empty() {
         println!("{name}: ok");
-        return Ok(());
+        return Ok(ExitCode::SUCCESS);
     }
     faults.iter().for_each(|fault| eprintln!("{fault}"));
-    bail!("{name}: {} fault(s)", faults.len())
+    eprintln!("{name}: {} fault(s)", faults.len());
+    Ok(ExitCode::FAILURE)
 }
 
 fn workspace_root() -> PathBuf {
