@@ -4,6 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use surfel_io::FormatKind;
+use surfelsplat::reconstruct::options::Axes;
 
 /// Turn two (or more) posed photographs into a surface.
 #[derive(Debug, Parser)]
@@ -105,6 +106,10 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     pub format: Option<FormatKind>,
 
+    /// Axes of the cameras, when the file breaks the convention of its format (`inspect` says so).
+    #[arg(long, value_name = "AXES", value_parser = axes_names())]
+    pub axes: Option<Axes>,
+
     /// Go on although the photographs contradict the cameras.
     #[arg(long)]
     pub trust_cameras: bool,
@@ -126,6 +131,10 @@ pub struct InspectArgs {
     /// Format of the cameras (default: detected).
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     pub format: Option<FormatKind>,
+
+    /// Axes of the cameras, when the file breaks the convention of its format (`inspect` says so).
+    #[arg(long, value_name = "AXES", value_parser = axes_names())]
+    pub axes: Option<Axes>,
 }
 
 #[derive(Debug, Args)]
@@ -150,6 +159,12 @@ fn format_names() -> impl TypedValueParser<Value = FormatKind> {
     let names = PossibleValuesParser::new(FormatKind::ALL.map(FormatKind::name));
     // Clap has already refused every other name.
     names.map(|name| FormatKind::ALL.into_iter().find(|kind| kind.name() == name).unwrap_or(FormatKind::Colmap))
+}
+
+fn axes_names() -> impl TypedValueParser<Value = Axes> {
+    let names = PossibleValuesParser::new(Axes::ALL.map(Axes::name));
+    // Clap has already refused every other name.
+    names.map(|name| Axes::ALL.into_iter().find(|axes| axes.name() == name).unwrap_or(Axes::OpenGl))
 }
 
 fn positive(text: &str) -> Result<usize, String> {

@@ -2,11 +2,10 @@
 
 use super::args::InspectArgs;
 use super::print_line;
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use serde_json::json;
 use std::process::ExitCode;
 use surfel_core::Camera;
-use surfel_io::list_formats;
 use surfel_io::scene::{Frame, Scene};
 use surfel_io::write::write_atomically;
 use surfel_pair::plausible::oddities;
@@ -17,22 +16,20 @@ use surfelsplat::reconstruct::choice::{choose, preview};
 const NUM_DRAWN: usize = 12;
 
 pub fn run(args: &InspectArgs, json: bool, quiet: bool) -> Result<ExitCode> {
-    let scene = match args.format {
-        Some(kind) => Scene::open_as(&args.scene, kind),
-        None => Scene::open(&args.scene),
+    let mut scene = match args.format {
+        Some(kind) => Scene::open_as(&args.scene, kind)?,
+        None => Scene::open(&args.scene)?,
     };
-    let scene = scene.map_err(|error| match error {
-        surfel_io::SceneError::NoCameras { .. } => anyhow::anyhow!("{error}\nKnown formats:\n{}", list_formats()),
-        other => other.into(),
-    })?;
+    if let Some(axes) = args.axes {
+        axes.turn(&mut scene);
+    }
     let pair = match args.views.len() {
         0 => choose(&scene, 2)?.0,
         2 => scene.select(&args.views)?,
         n => bail!("--views names {n} photographs; inspect checks two against each other"),
     };
     let (a, b) = (&scene.frames[pair[0]], &scene.frames[pair[1]]);
-    let load = |frame: &Frame| preview(frame).with_context(|| format!("{} cannot be read", frame.image_path.display()));
-    let (view_a, view_b) = (load(a)?, load(b)?);
+    let (view_a, view_b) = (preview(a)?, preview(b)?);
     let matches = match_features(&Features::of(&view_a), &Features::of(&view_b));
     let verdict = check_pair(&view_a.camera, &view_b.camera, &matches);
     let picture = epipolar_picture(&view_a, &view_b, &matches, NUM_DRAWN);

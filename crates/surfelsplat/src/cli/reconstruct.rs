@@ -13,6 +13,7 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
         num_views: Some(args.num_views),
         size: args.size,
         format: args.format,
+        axes: args.axes,
         near: args.near,
         far: args.far,
         voxel: args.voxel,

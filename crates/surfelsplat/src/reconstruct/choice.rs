@@ -5,6 +5,7 @@
 
 use super::error::ReconstructError;
 use surfel_core::{Camera, View};
+use surfel_io::ImageError;
 use surfel_io::scene::{Frame, Scene};
 use surfel_pair::{SparsePoint, choose_views};
 
@@ -14,9 +15,10 @@ const PREVIEW_WIDTH: f64 = 480.0;
 /// The best `count` photographs of a scene, reference first, and why.
 pub fn choose(scene: &Scene, count: usize) -> Result<(Vec<usize>, String), ReconstructError> {
     let cameras: Vec<Camera> = scene.frames.iter().map(Frame::pinhole).collect();
-    let load = |index: usize| preview(&scene.frames[index]);
+    // A photograph that cannot be read is not the best one.
+    let load = |index: usize| preview(&scene.frames[index]).ok();
     let choice = choose_views(&cameras, &sparse_points(scene), count, load).map_err(|error| {
-        ReconstructError::Choice(format!("{}: {error} Name the photographs with --views.", scene.root.display()))
+        ReconstructError::Choice(format!("{}: {error}, or name the photographs with --views", scene.root.display()))
     })?;
     Ok((choice.views, choice.sentence))
 }
@@ -27,11 +29,14 @@ pub fn neighbours(views: &[View], count: usize) -> Vec<Vec<usize>> {
     (0..views.len()).map(|v| surfel_pair::neighbours(&cameras, &[], v, count)).collect()
 }
 
-/// A small view of a frame; `None` when it cannot be read, which the choice takes as "not this one".
-pub fn preview(frame: &Frame) -> Option<View> {
+/// A small view of a frame.
+///
+/// # Errors
+/// As [`Frame::load`].
+pub fn preview(frame: &Frame) -> Result<View, ImageError> {
     let scale = (PREVIEW_WIDTH / frame.width.max(frame.height) as f64).min(1.0);
     let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
-    frame.load(side(frame.width), side(frame.height)).ok()
+    frame.load(side(frame.width), side(frame.height))
 }
 
 fn sparse_points(scene: &Scene) -> Vec<SparsePoint> {

@@ -14,7 +14,7 @@ pub enum ReconstructError {
     #[error(transparent)]
     Image(#[from] ImageError),
     /// A depth range cannot be found.
-    #[error("{views}: {source} Give --near and --far in the unit of the camera file.")]
+    #[error("{views}: {source} (in the unit of the camera file)")]
     Range {
         /// The photographs.
         views: String,

@@ -27,10 +27,13 @@ pub struct Input {
 impl Input {
     /// Opens, chooses and loads.
     pub(crate) fn read(path: &Path, options: &Options, log: &Log) -> Result<Self, ReconstructError> {
-        let scene = match options.format {
+        let mut scene = match options.format {
             Some(kind) => Scene::open_as(path, kind)?,
             None => Scene::open(path)?,
         };
+        if let Some(axes) = options.axes {
+            axes.turn(&mut scene);
+        }
         log.say(format!("{}: {}", scene.root.display(), scene.format));
         scene.warnings.iter().for_each(|warning| log.warn(warning.clone()));
         let (frames, reason) = choose_frames(&scene, options)?;

@@ -1,7 +1,8 @@
 //! What a person may choose about a reconstruction; everything left `None` is chosen from the data and reported.
 
 use crate::reconstruct::surfels::SurfelConfig;
-use surfel_io::scene::FormatKind;
+use surfel_io::scene::{FormatKind, Scene};
+use surfel_pair::PoseMistake;
 use surfel_stereo::MatchConfig;
 
 /// Choices of one reconstruction. Lengths are in scene units.
@@ -15,6 +16,8 @@ pub struct Options {
     pub size: Option<(usize, usize)>,
     /// The format of the cameras, when detection should not decide.
     pub format: Option<FormatKind>,
+    /// The axes of the cameras, when they are not those the format promises.
+    pub axes: Option<Axes>,
     /// Nearest z-depth.
     pub near: Option<f64>,
     /// Farthest z-depth.
@@ -29,4 +32,37 @@ pub struct Options {
     pub matching: MatchConfig,
     /// Surfels.
     pub surfels: SurfelConfig,
+}
+
+/// Camera axes that poses are written in although their format promises others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axes {
+    /// X right, Y up, Z back.
+    OpenGl,
+    /// X down, Y right, Z back.
+    Llff,
+}
+
+impl Axes {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::OpenGl, Self::Llff];
+
+    /// The short name used on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OpenGl => "opengl",
+            Self::Llff => "llff",
+        }
+    }
+
+    /// Turns the cameras of a scene to OpenCV axes; where they stand does not change.
+    pub fn turn(self, scene: &mut Scene) {
+        let mistake = match self {
+            Self::OpenGl => PoseMistake::OpenGlAxes,
+            Self::Llff => PoseMistake::LlffAxes,
+        };
+        for frame in &mut scene.frames {
+            frame.camera_from_world = mistake.corrected(&frame.camera_from_world);
+        }
+    }
 }
