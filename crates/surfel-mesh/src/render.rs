@@ -91,7 +91,7 @@ impl Footprint {
         let first = (low - 0.5).ceil().max(DVec2::ZERO);
         let last = (high - 0.5).floor().min(size - 1.0);
         (first.x <= last.x && first.y <= last.y)
-            .then(|| Self { columns: (first.x as usize, last.x as usize), rows: (first.y as usize, last.y as usize) })
+            .then_some(Self { columns: (first.x as usize, last.x as usize), rows: (first.y as usize, last.y as usize) })
     }
 }
 

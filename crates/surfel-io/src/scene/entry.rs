@@ -93,7 +93,7 @@ pub(crate) fn pose_from_rows(frame: &str, rows: &[f64]) -> Result<Rigid, Fault> 
 
 fn is_affine_row(row: &[f64]) -> bool {
     // NaN passes on to the pose check, whose message is the better one.
-    row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| !((a - b).abs() > 1e-3))
+    row.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| a.is_nan() || (a - b).abs() <= 1e-3)
 }
 
 /// Row-major 3x3.
