@@ -28,7 +28,7 @@ pub enum SceneError {
         reason: String,
     },
     /// A pose is not a rotation and a translation.
-    #[error("{}: frame {frame}: {source}", path.display())]
+    #[error("{}: frame {frame}: {source}; correct the pose or take the frame out of the file", path.display())]
     Pose {
         /// The camera file.
         path: PathBuf,

@@ -29,7 +29,7 @@ pub fn run() -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            let sentence = format!("{error:#}");
+            let sentence = sentence(&error);
             if json {
                 print_line(&serde_json::json!({ "error": sentence }).to_string());
             }
@@ -37,6 +37,14 @@ pub fn run() -> ExitCode {
             ExitCode::from(1)
         }
     }
+}
+
+/// The error and its causes, except those whose words it repeats already.
+fn sentence(error: &anyhow::Error) -> String {
+    error.chain().skip(1).map(ToString::to_string).fold(error.to_string(), |said, cause| match said.contains(&cause) {
+        true => said,
+        false => format!("{said}: {cause}"),
+    })
 }
 
 /// Prints to stdout; a closed pipe (`| head`) is not an error.

@@ -23,10 +23,15 @@ pub fn choose(scene: &Scene, count: usize) -> Result<(Vec<usize>, String), Recon
     Ok((choice.views, choice.sentence))
 }
 
-/// For every view the views to match it with, best first, at most `count`.
+/// For every view the views to match it with, best first, at most `count` and at least one.
 pub fn neighbours(views: &[View], count: usize) -> Vec<Vec<usize>> {
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
-    (0..views.len()).map(|v| surfel_pair::neighbours(&cameras, &[], v, count)).collect()
+    let of = |v: usize| match surfel_pair::neighbours(&cameras, &[], v, count) {
+        // Cameras that see nothing in common are probably wrong, which only a look at the photographs can tell.
+        none if none.is_empty() => (0..views.len()).filter(|&other| other != v).take(count).collect(),
+        some => some,
+    };
+    (0..views.len()).map(of).collect()
 }
 
 /// A small view of a frame.
