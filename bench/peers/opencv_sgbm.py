@@ -191,6 +191,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--cameras", type=Path, help="cameras.json (default: SCENE/cameras.json); `reconstruct` writes one for any scene")
     parser.add_argument("--pair", nargs=2, default=["0", "1"], help="image stems")
     parser.add_argument("--size", nargs=2, type=int, default=[320, 256], metavar=("W", "H"))
     parser.add_argument("--range", nargs=2, type=float, metavar=("NEAR", "FAR"), help="overrides near/far of the cameras")
@@ -198,7 +199,7 @@ def main():
     parser.add_argument("--filled", action="store_true", help="fill holes along rectified rows")
     args = parser.parse_args()
 
-    entries = json.loads((args.scene / "cameras.json").read_text())
+    entries = json.loads((args.cameras or args.scene / "cameras.json").read_text())
     views = [load_view(args.scene, find(entries, name), args.size) for name in args.pair]
     cv2.setNumThreads(1)
     for view, other in (views, views[::-1]):

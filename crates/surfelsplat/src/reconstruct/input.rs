@@ -8,7 +8,7 @@ use super::options::Options;
 use super::progress::Log;
 use super::working_frame::longest_baseline;
 use super::working_size::{MIN_SIDE, available_bytes, default_size, estimated_bytes};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surfel_core::{Camera, View};
 use surfel_io::scene::{Frame, Scene};
 
@@ -57,9 +57,22 @@ impl Input {
         Ok(Self { scene, frames, views, reason })
     }
 
-    /// Image stems, as outputs are named.
+    /// Names of the outputs of each view: the image stem, with its folders where two stems are the same.
     pub fn stems(&self) -> Vec<String> {
-        self.frames.iter().map(|&f| self.scene.frames[f].stem()).collect()
+        let stems: Vec<String> = self.frames.iter().map(|&f| self.scene.frames[f].stem()).collect();
+        let is_shared = |stem: &String| stems.iter().filter(|other| *other == stem).count() > 1;
+        let in_folder = |path: PathBuf| path.with_extension("").to_string_lossy().replace(['/', '\\'], "_");
+        stems
+            .iter()
+            .zip(self.image_paths())
+            .map(|(stem, path)| if is_shared(stem) { in_folder(path) } else { stem.clone() })
+            .collect()
+    }
+
+    /// Paths of the photographs, relative to the scene where they lie inside it.
+    pub fn image_paths(&self) -> Vec<PathBuf> {
+        let relative = |path: &Path| path.strip_prefix(&self.scene.root).unwrap_or(path).to_owned();
+        self.frames.iter().map(|&f| relative(&self.scene.frames[f].image_path)).collect()
     }
 
     /// "a.jpg, b.jpg".

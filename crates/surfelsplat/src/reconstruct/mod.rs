@@ -67,7 +67,7 @@ pub fn reconstruct(
     }
     let staged = StagedDir::new(out)?;
     let stems = input.stems();
-    let images: Vec<String> = input.frames.iter().map(|&f| input.scene.frames[f].name.clone()).collect();
+    let images: Vec<String> = input.image_paths().iter().map(|path| path.to_string_lossy().into_owned()).collect();
     let scene_ranges: Vec<(f64, f64)> = range.ranges.iter().map(|r| (r.near, r.far)).collect();
     let files = log.stage(Stage::Write, || {
         let outputs = Outputs {
