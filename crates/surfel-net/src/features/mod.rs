@@ -7,6 +7,8 @@
 //! the weights were trained with), which shifts the centre by `(s - 1) / 2` pixels towards the right and bottom.
 
 mod block;
+pub(crate) mod cnn;
+pub(crate) mod pyramid;
 mod stem;
 mod trunk;
 

@@ -1,0 +1,93 @@
+//! Time of the small network on a pair, and of the plane sweep against the same sweep made of burn's own
+//! grid sampling, in one run.
+//!
+//! `cargo bench -p surfel-net --bench network`
+
+use burn::tensor::ops::{GridSampleOptions, InterpolateMode};
+use burn::tensor::{Device, Distribution, Tensor, TensorData};
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
+use std::time::Instant;
+use surfel_core::{Camera, Grid, Intrinsics, Rigid};
+use surfel_net::cost_volume::{sweep, uniform_candidates, warps};
+use surfel_net::ops::plane_sweep;
+use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, SurfelNet};
+
+const WIDTH: usize = 320;
+const HEIGHT: usize = 256;
+
+/// The best of several runs: what the code costs when the machine does nothing else.
+fn best_ms(runs: usize, mut work: impl FnMut()) -> f64 {
+    work();
+    (0..runs)
+        .map(|_| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn cameras() -> Vec<Camera> {
+    let camera = |v: usize| Camera {
+        intrinsics: Intrinsics { fx: 350.0, fy: 350.0, cx: 160.0, cy: 128.0 },
+        width: WIDTH,
+        height: HEIGHT,
+        camera_from_world: Rigid::from_quat(
+            DQuat::from_rotation_y(0.1 * v as f64),
+            DVec3::new(-0.4, 0.0, 0.0) * v as f64,
+        ),
+    };
+    vec![camera(0), camera(1)]
+}
+
+fn main() {
+    let device = Device::flex();
+    let (cameras, ranges) = (cameras(), [DepthRange { near: 1.0, far: 5.0 }; 2]);
+    let images: Vec<_> = (0..2)
+        .map(|v| {
+            Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
+        })
+        .collect();
+    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges };
+    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
+    println!("small network: {:?}", net.parts());
+    let whole = best_ms(5, || {
+        let prediction = net.forward(&scene, &device).expect("the scene is usable");
+        std::hint::black_box(prediction.surfels.to_surfels());
+    });
+    println!("small network, two views of {WIDTH} x {HEIGHT}, without gradients: {whole:.0} ms");
+
+    let (width, height, channels, candidates) = (WIDTH / 4, HEIGHT / 4, 64, 64);
+    let features = Tensor::<4>::random([2, channels, height, width], Distribution::Default, &device);
+    let warps = warps(&cameras, &[vec![1], vec![0]], 4);
+    let disparities: Vec<Vec<f32>> = ranges.iter().map(|range| uniform_candidates(range, candidates)).collect();
+    let geometry = Arc::new(sweep(warps.clone(), (width, height), disparities.clone(), None));
+    let ours = best_ms(9, || {
+        std::hint::black_box(plane_sweep(features.clone(), geometry.clone()).into_data());
+    });
+    let burn = best_ms(2, || {
+        for view in 0..2 {
+            let warp = &warps[view][0];
+            let (reference, other) = (features.clone().narrow(0, view, 1), features.clone().narrow(0, 1 - view, 1));
+            for &disparity in &disparities[view] {
+                let mut grid = Vec::with_capacity(2 * width * height);
+                for i in 0..width * height {
+                    let p = [(i % width) as f32, (i / width) as f32, 1.0];
+                    let q: [f32; 3] = std::array::from_fn(|r| {
+                        warp.rotation[r].iter().zip(p).map(|(a, b)| a * b).sum::<f32>()
+                            + disparity * warp.translation[r]
+                    });
+                    grid.push(2.0 * (q[0] / q[2]) / (width - 1) as f32 - 1.0);
+                    grid.push(2.0 * (q[1] / q[2]) / (height - 1) as f32 - 1.0);
+                }
+                let grid = Tensor::from_data(TensorData::new(grid, [1, height, width, 2]), &device);
+                let options = GridSampleOptions::new(InterpolateMode::Bilinear).with_align_corners(true);
+                let sampled = other.clone().grid_sample_2d(grid, options);
+                std::hint::black_box((reference.clone() * sampled).sum_dim(1).into_data());
+            }
+        }
+    });
+    println!("plane sweep, {candidates} candidates of {channels} channels: {ours:.1} ms");
+    println!("the same from burn's grid sampling: {burn:.1} ms, {:.1} times ours", burn / ours);
+}

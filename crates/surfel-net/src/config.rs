@@ -1,0 +1,317 @@
+//! The settings of one network, read from TOML, and the three presets.
+//!
+//! Everything the graph depends on is here; nothing else decides a shape. Invariant: a configuration that
+//! passed [`NetConfig::from_toml`] builds without a panic, and an unknown key is an error, not a silent default.
+
+use serde::Deserialize;
+
+/// A network's settings.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetConfig {
+    /// How many other views each view looks at (matching, cross-attention, aggregation).
+    pub num_neighbours: usize,
+    /// Per-view features at stride 4.
+    pub backbone: BackboneConfig,
+    /// Multi-view transformer.
+    pub transformer: TransformerConfig,
+    /// Plane sweep and its regularisation at stride 4.
+    pub cost_volume: CostVolumeConfig,
+    /// Refinement towards full resolution.
+    pub refinement: RefinementConfig,
+    /// Surfel attributes.
+    pub head: HeadConfig,
+    /// Surfel adaptation and footprint regions.
+    pub nyquist: NyquistConfig,
+    /// Cross-view feature aggregation.
+    pub aggregation: AggregationConfig,
+}
+
+/// Which backbone, and its width.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum BackboneConfig {
+    /// The residual CNN of spec 2.2, trained from scratch.
+    Cnn {
+        /// Channels at stride 4, `C`.
+        channels: usize,
+        /// Channels of the two stages before.
+        widths: [usize; 2],
+    },
+    /// The frozen pretrained trunk with a trained pyramid on top.
+    Pretrained {
+        /// Channels at stride 4, `C`.
+        channels: usize,
+    },
+}
+
+impl BackboneConfig {
+    /// Channels at stride 4.
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Cnn { channels, .. } | Self::Pretrained { channels } => *channels,
+        }
+    }
+}
+
+/// Spec 2.3.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransformerConfig {
+    /// Layers, each self-attention then cross-attention.
+    pub num_layers: usize,
+    /// Windows per side.
+    pub num_splits: usize,
+    /// Hidden width of the feed-forward part over its input width `2 C`.
+    pub expansion: usize,
+}
+
+/// A U-Net (spec 2.6).
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UnetConfig {
+    /// Base channels.
+    pub channels: usize,
+    /// Channels of each level over the base, finest first.
+    pub multipliers: Vec<usize>,
+    /// Downsampling ratios at which views attend to each other.
+    pub attention_at: Vec<usize>,
+}
+
+impl UnetConfig {
+    /// Input sizes must be divisible by this.
+    pub fn stride(&self) -> usize {
+        1 << (self.multipliers.len() - 1)
+    }
+}
+
+/// Spec 2.4.1 to 2.4.3.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CostVolumeConfig {
+    /// Depth candidates, uniform in disparity from far to near.
+    pub num_candidates: usize,
+    /// Regularisation.
+    pub unet: UnetConfig,
+}
+
+/// Spec 2.4.4 and 2.4.5.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefinementConfig {
+    /// Input pixels per pixel of the refinement: 1 (the paper), 2 or 4.
+    pub stride: usize,
+    /// Channels of the upsampled matching features.
+    pub upsampled_channels: usize,
+    /// The U-Net; its base channels are the paper's `R`.
+    pub unet: UnetConfig,
+    /// A second, narrow sweep around the coarse depth; absent in the paper.
+    pub sweep: Option<FineSweepConfig>,
+}
+
+/// The second sweep.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FineSweepConfig {
+    /// Candidates around the coarse disparity; odd, so that one is the coarse disparity itself.
+    pub num_candidates: usize,
+    /// Distance of candidates over that of the coarse sweep.
+    pub step: f64,
+    /// Channels that are matched.
+    pub channels: usize,
+}
+
+/// Spec 2.7.1, 2.7.2.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadConfig {
+    /// Degree of the spherical harmonics, 0 to 3.
+    pub sh_degree: usize,
+    /// Smallest scale in units of 0.2 pixel footprints (spec 1.7).
+    pub scale_min: f64,
+    /// Largest scale in the same unit.
+    pub scale_max: f64,
+}
+
+/// Spec 1.9.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NyquistConfig {
+    /// Widen surfels to what the views can sample before computing regions (paper: surfel adaptation).
+    pub adaptation: bool,
+    /// Standard deviation of the low-pass filter, pixels.
+    pub s: f64,
+    /// A pixel belongs to a region when it sees more than this of the surfel; below 1.
+    pub epsilon: f64,
+    /// Candidates of a region reach this many samples from its centre; at most 3.
+    pub radius: usize,
+    /// Spread the candidates when the footprint is larger than the radius.
+    pub adaptive_stride: bool,
+    /// A view samples a surfel whose centre falls outside the image by less than this fraction of its size.
+    pub visibility_margin: f64,
+}
+
+/// Spec 2.7.4.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AggregationConfig {
+    /// Refine features over the regions; without it the initial surfels are final.
+    pub enabled: bool,
+    /// Attention channels.
+    pub channels: usize,
+    /// Attention heads.
+    pub num_heads: usize,
+    /// Hidden width of the feed-forward part over the feature width.
+    pub expansion: usize,
+}
+
+/// Why a configuration is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// Not TOML, a key that does not exist, a missing key, or a value of another type.
+    #[error("the network configuration cannot be read: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value the network cannot be built with.
+    #[error("in the network configuration, {key} is {value}; it must be {expected}")]
+    Value {
+        /// The key.
+        key: &'static str,
+        /// What it is.
+        value: String,
+        /// What it may be.
+        expected: &'static str,
+    },
+}
+
+/// The configurations that ship with the crate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// As the paper describes it; heavy.
+    Paper,
+    /// Narrow, on pretrained features: the one for two CPU cores.
+    Small,
+    /// For tests.
+    Tiny,
+}
+
+impl NetConfig {
+    /// A shipped configuration.
+    pub fn preset(preset: Preset) -> Self {
+        let text = match preset {
+            Preset::Paper => include_str!("../presets/paper.toml"),
+            Preset::Small => include_str!("../presets/small.toml"),
+            Preset::Tiny => include_str!("../presets/tiny.toml"),
+        };
+        Self::from_toml(text).expect("a test parses every preset")
+    }
+
+    /// Reads and checks a configuration.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for anything the network could not be built from.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Image sides are padded to a multiple of this before they enter the network.
+    pub fn size_multiple(&self) -> usize {
+        let coarse = 4 * lcm(self.cost_volume.unet.stride(), self.transformer.num_splits);
+        let pretrained = if matches!(self.backbone, BackboneConfig::Pretrained { .. }) { 16 } else { 4 };
+        lcm(lcm(coarse, self.refinement.stride * self.refinement.unet.stride()), pretrained)
+    }
+
+    /// Channels of the feature each surfel is decoded from, the paper's `F` (spec 2.4.6).
+    pub fn feature_channels(&self) -> usize {
+        self.refinement.unet.channels + 3 + self.refinement.upsampled_channels
+    }
+
+    fn check(&self) -> Result<(), ConfigError> {
+        let require = |ok: bool, key, value: String, expected| {
+            if ok { Ok(()) } else { Err(ConfigError::Value { key, value, expected }) }
+        };
+        let count = |key, value: usize, most: usize, expected| {
+            require((1..=most).contains(&value), key, value.to_string(), expected)
+        };
+        let channels = |key, value: usize| {
+            let expected = "a multiple of 4 between 4 and 4096";
+            require(value.is_multiple_of(4) && (4..=4096).contains(&value), key, value.to_string(), expected)
+        };
+        count("num_neighbours", self.num_neighbours, 64, "between 1 and 64")?;
+        channels("backbone.channels", self.backbone.channels())?;
+        if let BackboneConfig::Cnn { widths, .. } = &self.backbone {
+            widths.iter().try_for_each(|&width| channels("backbone.widths", width))?;
+        }
+        count("transformer.num_layers", self.transformer.num_layers, 64, "between 1 and 64")?;
+        count("transformer.num_splits", self.transformer.num_splits, 64, "between 1 and 64")?;
+        count("transformer.expansion", self.transformer.expansion, 16, "between 1 and 16")?;
+        let candidates = self.cost_volume.num_candidates;
+        require(
+            (2..=4096).contains(&candidates),
+            "cost_volume.num_candidates",
+            candidates.to_string(),
+            "between 2 and 4096",
+        )?;
+        for unet in [&self.cost_volume.unet, &self.refinement.unet] {
+            channels("unet.channels", unet.channels)?;
+            count("the number of unet.multipliers", unet.multipliers.len(), 8, "between 1 and 8")?;
+            unet.multipliers.iter().try_for_each(|&m| count("unet.multipliers", m, 16, "between 1 and 16"))?;
+            for (level, multiplier) in unet.multipliers.iter().enumerate() {
+                let width = unet.channels * multiplier;
+                let attends = unet.attention_at.contains(&(1 << level));
+                let ok = !attends || width < 32 || width.is_multiple_of(32);
+                require(
+                    ok,
+                    "unet.channels times a multiplier",
+                    width.to_string(),
+                    "a multiple of 32 where views attend",
+                )?;
+            }
+        }
+        let stride = self.refinement.stride;
+        require(matches!(stride, 1 | 2 | 4), "refinement.stride", stride.to_string(), "1, 2 or 4")?;
+        channels("refinement.upsampled_channels", self.refinement.upsampled_channels)?;
+        if let Some(sweep) = &self.refinement.sweep {
+            let odd = sweep.num_candidates % 2 == 1 && sweep.num_candidates < 256;
+            require(odd, "refinement.sweep.num_candidates", sweep.num_candidates.to_string(), "odd and below 256")?;
+            let ok = sweep.step > 0.0 && sweep.step.is_finite();
+            require(ok, "refinement.sweep.step", sweep.step.to_string(), "a finite number above 0")?;
+            channels("refinement.sweep.channels", sweep.channels)?;
+        }
+        let HeadConfig { sh_degree, scale_min, scale_max } = self.head;
+        require(sh_degree <= 3, "head.sh_degree", sh_degree.to_string(), "between 0 and 3")?;
+        let ordered = scale_min > 0.0 && scale_max > scale_min && scale_max.is_finite();
+        require(ordered, "head.scale_max", scale_max.to_string(), "finite and above head.scale_min, which is above 0")?;
+        let nyquist = &self.nyquist;
+        require(
+            nyquist.s > 0.0 && nyquist.s.is_finite(),
+            "nyquist.s",
+            nyquist.s.to_string(),
+            "a finite number above 0",
+        )?;
+        let open = nyquist.epsilon > 0.0 && nyquist.epsilon < 1.0;
+        require(open, "nyquist.epsilon", nyquist.epsilon.to_string(), "between 0 and 1, exclusive")?;
+        count("nyquist.radius", nyquist.radius, 3, "between 1 and 3")?;
+        let margin = nyquist.visibility_margin;
+        require((0.0..=10.0).contains(&margin), "nyquist.visibility_margin", margin.to_string(), "between 0 and 10")?;
+        let aggregation = &self.aggregation;
+        channels("aggregation.channels", aggregation.channels)?;
+        let divides = aggregation.num_heads > 0 && aggregation.channels.is_multiple_of(aggregation.num_heads);
+        require(
+            divides,
+            "aggregation.num_heads",
+            aggregation.num_heads.to_string(),
+            "a divisor of aggregation.channels",
+        )?;
+        count("aggregation.expansion", aggregation.expansion, 16, "between 1 and 16")
+    }
+}
+
+fn lcm(a: usize, b: usize) -> usize {
+    let (mut x, mut y) = (a, b);
+    while y != 0 {
+        (x, y) = (y, x % y);
+    }
+    a / x * b
+}

@@ -1,0 +1,40 @@
+//! The attribute head (spec 2.7.1): two convolutions from features to raw scales, rotation and colour.
+//!
+//! Output channels: 2 scales, 4 of the quaternion w x y z, then SH coefficients of red, green and blue.
+//! Invariant: a fresh head predicts discs facing their camera, a neutral start for every pixel.
+
+use crate::config::HeadConfig;
+use crate::layers::conv3x3;
+use burn::module::{Module, Param};
+use burn::nn::conv::Conv2d;
+use burn::tensor::activation::gelu;
+use burn::tensor::{Device, Tensor};
+use surfel_core::sh;
+
+/// Channels before the SH coefficients.
+pub(super) const NUM_SHAPE: usize = 6;
+/// Channel of the quaternion's real part.
+const REAL_PART: usize = 2;
+
+/// The head.
+#[derive(Module, Debug)]
+pub(crate) struct AttributeHead {
+    first: Conv2d,
+    second: Conv2d,
+}
+
+impl AttributeHead {
+    pub(crate) fn new(feature_channels: usize, config: &HeadConfig, device: &Device) -> Self {
+        let outputs = NUM_SHAPE + 3 * sh::num_coefficients(config.sh_degree);
+        let mut second = conv3x3(2 * outputs, outputs, device);
+        let mut bias = vec![0.0f32; outputs];
+        bias[REAL_PART] = 1.0;
+        second.bias = Some(Param::from_tensor(Tensor::from_floats(bias.as_slice(), device)));
+        Self { first: conv3x3(feature_channels, 2 * outputs, device), second }
+    }
+
+    /// Raw attributes `[views, outputs, height, width]`.
+    pub(crate) fn forward(&self, features: Tensor<4>) -> Tensor<4> {
+        self.second.forward(gelu(self.first.forward(features)))
+    }
+}

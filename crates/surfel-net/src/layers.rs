@@ -1,0 +1,67 @@
+//! The few layers whose settings every part of the network shares.
+//!
+//! Invariant: [`upsample`] keeps positions: pixel `i` of a map with stride `s` stays over input pixel `s i`.
+
+use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::nn::{GroupNorm, GroupNormConfig, Initializer, PaddingConfig2d};
+use burn::tensor::module::interpolate;
+use burn::tensor::ops::{InterpolateMode, InterpolateOptions, PadMode};
+use burn::tensor::{Device, Tensor};
+
+/// Settings of a convolution that keeps the size at stride 1.
+pub(crate) fn conv_config(inputs: usize, outputs: usize, kernel: usize) -> Conv2dConfig {
+    let p = kernel / 2;
+    Conv2dConfig::new([inputs, outputs], [kernel, kernel]).with_padding(PaddingConfig2d::Explicit(p, p, p, p))
+}
+
+/// 3x3 convolution with bias.
+pub(crate) fn conv3x3(inputs: usize, outputs: usize, device: &Device) -> Conv2d {
+    conv_config(inputs, outputs, 3).init(device)
+}
+
+/// 1x1 convolution with bias.
+pub(crate) fn conv1x1(inputs: usize, outputs: usize, device: &Device) -> Conv2d {
+    conv_config(inputs, outputs, 1).init(device)
+}
+
+/// Group normalisation with the wished number of groups, or 4 where the channels do not divide (spec 2.6).
+pub(crate) fn group_norm(channels: usize, groups: usize, device: &Device) -> GroupNorm {
+    let groups = if channels.is_multiple_of(groups) { groups } else { 4 };
+    GroupNormConfig::new(groups, channels).init(device)
+}
+
+/// A group normalisation that outputs zero until trained.
+pub(crate) fn zero_group_norm(channels: usize, device: &Device) -> GroupNorm {
+    let mut norm = group_norm(channels, 8, device);
+    norm.gamma = Some(Initializer::Zeros.init([channels], device));
+    norm
+}
+
+/// Bilinear upsampling by an integer factor; `before` fine pixels lie before the first coarse one (0 where
+/// coarse pixel `i` stands over fine pixel `factor i`), and the border is repeated.
+pub(crate) fn upsample(map: Tensor<4>, factor: usize, before: usize) -> Tensor<4> {
+    if factor == 1 {
+        return map;
+    }
+    let [_, _, height, width] = map.dims();
+    let size = [height, width].map(|n| factor * (n - 1) + 1);
+    let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(true).with_output_size(size);
+    let after = factor - 1 - before;
+    interpolate(map, options).pad((before, after, before, after), PadMode::Edge)
+}
+
+/// Every `factor` x `factor` block of pixels as the channels of one pixel.
+pub(crate) fn space_to_depth(map: Tensor<4>, factor: usize) -> Tensor<4> {
+    let [views, channels, height, width] = map.dims();
+    let (h, w) = (height / factor, width / factor);
+    let blocks: Tensor<6> = map.reshape([views, channels, h, factor, w, factor]).permute([0, 1, 3, 5, 2, 4]);
+    blocks.reshape([views, channels * factor * factor, h, w])
+}
+
+/// The inverse of [`space_to_depth`].
+pub(crate) fn depth_to_space(map: Tensor<4>, factor: usize) -> Tensor<4> {
+    let [views, channels, height, width] = map.dims();
+    let outputs = channels / (factor * factor);
+    let blocks: Tensor<6> = map.reshape([views, outputs, factor, factor, height, width]).permute([0, 1, 4, 2, 5, 3]);
+    blocks.reshape([views, outputs, height * factor, width * factor])
+}

@@ -1,0 +1,102 @@
+//! One transformer layer: attention within the view, then to its neighbours, then a feed-forward part.
+//!
+//! Invariant: cross-attention reads the neighbours as they were when the layer began.
+
+use super::window::Windows;
+use burn::module::Module;
+use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
+use burn::tensor::activation::gelu;
+use burn::tensor::module::attention;
+use burn::tensor::ops::AttentionModuleOptions;
+use burn::tensor::{Device, Int, Tensor};
+
+fn linear(inputs: usize, outputs: usize, device: &Device) -> Linear {
+    let initializer = Initializer::XavierUniform { gain: 1.0 };
+    LinearConfig::new(inputs, outputs).with_bias(false).with_initializer(initializer).init(device)
+}
+
+/// Single-head attention with projections and a normalised output.
+#[derive(Module, Debug)]
+struct Attention {
+    query: Linear,
+    key: Linear,
+    value: Linear,
+    merge: Linear,
+    norm: LayerNorm,
+}
+
+impl Attention {
+    fn new(channels: usize, device: &Device) -> Self {
+        let project = || linear(channels, channels, device);
+        let norm = LayerNormConfig::new(channels).init(device);
+        Self { query: project(), key: project(), value: project(), merge: project(), norm }
+    }
+
+    /// `x` `[views, height, width, C]` attending within each window to the same window of `sources`
+    /// `[views, sources per view]`, or to itself.
+    fn forward(
+        &self,
+        x: Tensor<4>,
+        memory: Tensor<4>,
+        sources: Option<&Tensor<2, Int>>,
+        windows: &Windows,
+    ) -> Tensor<4> {
+        let [views, _, _, channels] = x.dims();
+        let device = x.device();
+        let (count, len) = (windows.count(), windows.len());
+        let num_sources = sources.map_or(1, |s| s.dims()[1]);
+        let gathered = |map: Tensor<4>| -> Tensor<4> {
+            let tokens = windows.split(map);
+            let tokens = match sources {
+                Some(sources) => {
+                    let all = tokens.select(0, sources.clone().reshape([views * num_sources]));
+                    let all: Tensor<5> = all.reshape([views, num_sources, count, len, channels]);
+                    all.permute([0, 2, 1, 3, 4])
+                }
+                None => tokens.reshape([views, count, 1, len, channels]),
+            };
+            tokens.reshape([views * count, 1, num_sources * len, channels])
+        };
+        let query = windows.split(self.query.forward(x)).reshape([views * count, 1, len, channels]);
+        let key = gathered(self.key.forward(memory.clone()));
+        let value = gathered(self.value.forward(memory));
+        let bias = windows.mask(&device).map(|mask| {
+            let tiled: Tensor<4> = mask.repeat_dim(2, num_sources).repeat_dim(0, views).unsqueeze_dim(1);
+            tiled
+        });
+        let y = attention(query, key, value, None, bias, AttentionModuleOptions::default());
+        let y = windows.merge(y.reshape([views, count, len, channels]));
+        self.norm.forward(self.merge.forward(y))
+    }
+}
+
+/// Self-attention, cross-attention, feed-forward.
+#[derive(Module, Debug)]
+pub(super) struct Layer {
+    within: Attention,
+    across: Attention,
+    widen: Linear,
+    narrow: Linear,
+    norm: LayerNorm,
+}
+
+impl Layer {
+    pub(super) fn new(channels: usize, expansion: usize, device: &Device) -> Self {
+        let hidden = 2 * channels * expansion;
+        Self {
+            within: Attention::new(channels, device),
+            across: Attention::new(channels, device),
+            widen: linear(2 * channels, hidden, device),
+            narrow: linear(hidden, channels, device),
+            norm: LayerNormConfig::new(channels).init(device),
+        }
+    }
+
+    pub(super) fn forward(&self, x: Tensor<4>, neighbours: &Tensor<2, Int>, windows: &Windows) -> Tensor<4> {
+        let before = x.clone();
+        let x = x.clone() + self.within.forward(x.clone(), x, None, windows);
+        let message = self.across.forward(x.clone(), before, Some(neighbours), windows);
+        let both = Tensor::cat(vec![x.clone(), message], 3);
+        x + self.norm.forward(self.narrow.forward(gelu(self.widen.forward(both))))
+    }
+}

@@ -1,0 +1,38 @@
+//! The residual block of the U-Net, the identity (or its 1x1 skip) until trained.
+
+use crate::layers::{conv1x1, conv3x3, group_norm, zero_group_norm};
+use burn::module::Module;
+use burn::nn::GroupNorm;
+use burn::nn::conv::Conv2d;
+use burn::tensor::activation::silu;
+use burn::tensor::{Device, Tensor};
+
+#[derive(Module, Debug)]
+pub(super) struct ResidualBlock {
+    first: Conv2d,
+    first_norm: GroupNorm,
+    second: Conv2d,
+    second_norm: GroupNorm,
+    skip: Option<Conv2d>,
+}
+
+impl ResidualBlock {
+    pub(super) fn new(inputs: usize, outputs: usize, device: &Device) -> Self {
+        Self {
+            first: conv3x3(inputs, outputs, device),
+            first_norm: group_norm(outputs, 8, device),
+            second: conv3x3(outputs, outputs, device),
+            second_norm: zero_group_norm(outputs, device),
+            skip: (inputs != outputs).then(|| conv1x1(inputs, outputs, device)),
+        }
+    }
+
+    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let y = silu(self.first_norm.forward(self.first.forward(x.clone())));
+        let y = silu(self.second_norm.forward(self.second.forward(y)));
+        match &self.skip {
+            Some(skip) => skip.forward(x) + y,
+            None => x + y,
+        }
+    }
+}
