@@ -4,11 +4,11 @@
 //! running the trunk knows nothing of it.
 
 use crate::block::Block;
-use crate::stem::Stem;
-use crate::{FeatureMap, Stage};
 use crate::depthwise::Depthwise;
 use crate::pointwise::Pointwise;
+use crate::stem::Stem;
 use crate::weights::{TensorFile, WeightsError};
+use crate::{FeatureMap, Stage};
 use surfel_core::Grid;
 
 /// Epsilon of the trained BatchNorm layers.

@@ -97,7 +97,9 @@ impl Frame {
         if (mw * h / mh - w).abs() / w < 0.02 {
             return Ok(());
         }
-        let reason = format!("the mask has {mw}x{mh} pixels, which is no scaled copy of the {w}x{h} of its photograph; draw it over the photograph itself");
+        let reason = format!(
+            "the mask has {mw}x{mh} pixels, which is no scaled copy of the {w}x{h} of its photograph; draw it over the photograph itself"
+        );
         Err(ImageError::decode(path, reason))
     }
 
