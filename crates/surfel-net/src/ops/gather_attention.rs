@@ -55,17 +55,17 @@ impl Regions {
         self.targets.first().map_or(0, Vec::len)
     }
 
-    /// Calls `visit` with the index (view-major) of each sampled pixel of `surfel`, in a fixed order.
-    #[inline(always)]
-    pub fn for_each_pixel(&self, surfel: usize, mut visit: impl FnMut(usize)) {
-        let home = surfel / (self.width * self.height);
-        for (slot, &view) in self.targets[home].iter().enumerate() {
-            self.for_each_pixel_in(surfel, slot, view, &mut visit);
+    /// Lists the index (view-major) of each sampled pixel of `surfel`, in a fixed order. Listed rather than
+    /// visited: vector code inside a callback would not be compiled for the machine's vectors.
+    pub fn pixels(&self, surfel: usize, pixels: &mut Vec<usize>) {
+        pixels.clear();
+        for slot in 0..self.num_targets() {
+            self.append_pixels(surfel, slot, pixels);
         }
     }
 
-    #[inline(always)]
-    fn for_each_pixel_in(&self, surfel: usize, slot: usize, view: usize, visit: &mut impl FnMut(usize)) {
+    fn append_pixels(&self, surfel: usize, slot: usize, pixels: &mut Vec<usize>) {
+        let view = self.targets[surfel / (self.width * self.height)][slot];
         let window = self.windows[surfel * self.num_targets() + slot];
         let mut mask = window.mask;
         while mask != 0 {
@@ -73,7 +73,7 @@ impl Regions {
             mask &= mask - 1;
             let x = window.x + (bit % self.side) as i32 * window.step;
             let y = window.y + (bit / self.side) as i32 * window.step;
-            visit((view * self.height + y as usize) * self.width + x as usize);
+            pixels.push((view * self.height + y as usize) * self.width + x as usize);
         }
     }
 }
@@ -137,10 +137,12 @@ impl WithSimd for ForwardBlock<'_> {
         let Self { inputs, regions, first, output } = self;
         let (channels, dim) = (inputs.channels, inputs.head_dim());
         let mut running = vec![(f32::NEG_INFINITY, 0.0f32); inputs.num_heads];
+        let mut pixels = Vec::new();
         for (i, output) in output.chunks_exact_mut(channels).enumerate() {
             let query = &inputs.query[(first + i) * channels..][..channels];
             running.fill((f32::NEG_INFINITY, 0.0));
-            regions.for_each_pixel(first + i, |pixel| {
+            regions.pixels(first + i, &mut pixels);
+            for &pixel in &pixels {
                 let key = &inputs.key[pixel * channels..][..channels];
                 let value = &inputs.value[pixel * channels..][..channels];
                 for (head, (maximum, sum)) in running.iter_mut().enumerate() {
@@ -156,7 +158,7 @@ impl WithSimd for ForwardBlock<'_> {
                     *sum += weight;
                     add_scaled(simd, &mut output[part.clone()], weight, &value[part]);
                 }
-            });
+            }
             for (head, &(_, sum)) in running.iter().enumerate().filter(|(_, (_, sum))| *sum > 0.0) {
                 scale(simd, &mut output[head * dim..(head + 1) * dim], 1.0 / sum);
             }
@@ -238,18 +240,20 @@ impl WithSimd for QueryBlock<'_> {
         let (channels, heads, dim) = (inputs.channels, inputs.num_heads, inputs.head_dim());
         // Pixel, score, and value . dy of each sample of one surfel and head.
         let mut samples: Vec<(usize, f32, f32)> = Vec::new();
+        let mut pixels = Vec::new();
         for (i, target) in query_grad.chunks_exact_mut(channels).enumerate() {
             let surfel = first + i;
+            regions.pixels(surfel, &mut pixels);
             for head in 0..heads {
                 let at = |values: &'_ [f32], index: usize| index * channels + head * dim..values.len();
                 let query = &inputs.query[at(inputs.query, surfel)][..dim];
                 let dy = &grad[at(grad, surfel)][..dim];
                 samples.clear();
-                regions.for_each_pixel(surfel, |pixel| {
+                for &pixel in &pixels {
                     let key = &inputs.key[at(inputs.key, pixel)][..dim];
                     let value = &inputs.value[at(inputs.value, pixel)][..dim];
                     samples.push((pixel, inputs.score_scale() * dot(simd, query, key), dot(simd, value, dy)));
-                });
+                }
                 let maximum = samples.iter().fold(f32::NEG_INFINITY, |m, s| m.max(s.1));
                 let sum: f32 = samples.iter().map(|s| (s.1 - maximum).exp()).sum();
                 let log_sum = maximum + sum.ln();
@@ -284,13 +288,16 @@ impl WithSimd for ScatterHead<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { inputs, regions, grad, statistics, view, head, key, value } = self;
         let (channels, dim, num_pixels) = (inputs.channels, inputs.head_dim(), regions.width * regions.height);
+        let mut pixels = Vec::new();
         for (home, targets) in regions.targets.iter().enumerate() {
             for (slot, _) in targets.iter().enumerate().filter(|&(_, &target)| target == view) {
                 for surfel in home * num_pixels..(home + 1) * num_pixels {
                     let start = surfel * channels + head * dim;
                     let (query, dy) = (&inputs.query[start..][..dim], &grad[start..][..dim]);
                     let Statistics { log_sum, mean } = statistics[surfel * inputs.num_heads + head];
-                    regions.for_each_pixel_in(surfel, slot, view, &mut |pixel| {
+                    pixels.clear();
+                    regions.append_pixels(surfel, slot, &mut pixels);
+                    for &pixel in &pixels {
                         let start = pixel * channels + head * dim;
                         let score = inputs.score_scale() * dot(simd, query, &inputs.key[start..][..dim]);
                         let weight = (score - log_sum).exp();
@@ -299,7 +306,7 @@ impl WithSimd for ScatterHead<'_> {
                         add_scaled(simd, &mut value[local..][..dim], weight, dy);
                         let d_score = weight * (product - mean) * inputs.score_scale();
                         add_scaled(simd, &mut key[local..][..dim], d_score, query);
-                    });
+                    }
                 }
             }
         }

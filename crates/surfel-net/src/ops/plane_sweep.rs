@@ -56,20 +56,20 @@ impl Sweep {
         self.width * self.height
     }
 
-    /// Calls `visit(candidate, sample)` for each candidate of a pixel that the neighbour can see.
-    #[inline(always)]
-    fn for_each_sample(&self, view: usize, warp: &Warp, x: usize, y: usize, mut visit: impl FnMut(usize, Sample)) {
+    /// The candidates of a pixel that the neighbour can see, in order. They are listed before any vector
+    /// arithmetic: vector code inside a callback would not be compiled for the machine's vectors.
+    fn samples(&self, view: usize, warp: &Warp, x: usize, y: usize, samples: &mut Vec<Sample>) {
+        samples.clear();
         let pixel = [x as f32, y as f32, 1.0];
         let far: [f32; 3] = warp.rotation.map(|row| row[0] * pixel[0] + row[1] * pixel[1] + row[2]);
         let base = self.base.as_ref().map_or(0.0, |b| b[view * self.num_pixels() + y * self.width + x]);
-        for (j, offset) in self.disparities[view].iter().enumerate() {
+        for (candidate, offset) in self.disparities[view].iter().enumerate() {
             let disparity = base + offset;
             let q: [f32; 3] = std::array::from_fn(|i| far[i] + disparity * warp.translation[i]);
             if q[2] > MIN_DEPTH_RATIO {
                 let (x, y) = (q[0] / q[2], q[1] / q[2]);
-                let inside = x > -1.0 && y > -1.0 && x < self.width as f32 && y < self.height as f32;
-                if inside {
-                    visit(j, Sample::at(x, y));
+                if x > -1.0 && y > -1.0 && x < self.width as f32 && y < self.height as f32 {
+                    samples.push(Sample::at(candidate, x, y));
                 }
             }
         }
@@ -89,17 +89,18 @@ impl Sweep {
 /// A bilinear sample: the cell it falls into and the weights of the cell's corners.
 #[derive(Clone, Copy)]
 struct Sample {
+    candidate: usize,
     cell: (i32, i32),
     weights: [f32; 4],
 }
 
 impl Sample {
     #[inline(always)]
-    fn at(x: f32, y: f32) -> Self {
+    fn at(candidate: usize, x: f32, y: f32) -> Self {
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        Self { cell: (x0 as i32, y0 as i32), weights }
+        Self { candidate, cell: (x0 as i32, y0 as i32), weights }
     }
 }
 
@@ -133,21 +134,27 @@ impl WithSimd for ForwardRow<'_> {
         let Self { features, channels, sweep, view, y, output } = self;
         let warps = &sweep.warps[view];
         let factor = normaliser(channels, warps.len());
+        let mut samples = Vec::with_capacity(sweep.num_candidates());
         for x in 0..sweep.width {
             let reference = pixel(features, channels, view * sweep.num_pixels() + y * sweep.width + x);
             for warp in warps {
                 let map = warp.other * sweep.num_pixels();
+                sweep.samples(view, warp, x, y, &mut samples);
                 let (mut cell, mut products) = (None, [0.0f32; 4]);
-                sweep.for_each_sample(view, warp, x, y, |j, sample| {
+                for sample in &samples {
                     if cell != Some(sample.cell) {
                         cell = Some(sample.cell);
-                        products = sweep.corners(sample.cell).map(|corner| {
-                            corner.map_or(0.0, |p| dot(simd, reference, pixel(features, channels, map + p)))
-                        });
+                        let corners = sweep.corners(sample.cell);
+                        for i in 0..4 {
+                            products[i] = match corners[i] {
+                                Some(p) => dot(simd, reference, pixel(features, channels, map + p)),
+                                None => 0.0,
+                            };
+                        }
                     }
                     let value: f32 = products.iter().zip(sample.weights).map(|(p, w)| p * w).sum();
-                    output[j * sweep.width + x] += factor * value;
-                });
+                    output[sample.candidate * sweep.width + x] += factor * value;
+                }
             }
         }
     }
@@ -205,42 +212,35 @@ impl WithSimd for BackwardChunk<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { features, channels, sweep, grad, view, first, len, output } = self;
-        let part = |p: usize| &pixel(features, channels, p)[first..first + len];
-        let mut flush = |reference: usize, p: usize, map: usize, corners: [Option<usize>; 4], sums: [f32; 4]| {
-            for (corner, sum) in corners.into_iter().zip(sums) {
-                let Some(corner) = corner else { continue };
-                if reference == view {
-                    add_scaled(simd, &mut output[p * len..][..len], sum, part(map + corner));
-                }
-                if map == view * sweep.num_pixels() {
-                    let source = part(reference * sweep.num_pixels() + p);
-                    add_scaled(simd, &mut output[corner * len..][..len], sum, source);
-                }
-            }
-        };
+        let mut samples = Vec::with_capacity(sweep.num_candidates());
         for (reference, warps) in sweep.warps.iter().enumerate() {
             let factor = normaliser(channels, warps.len());
             for warp in warps.iter().filter(|warp| reference == view || warp.other == view) {
                 let map = warp.other * sweep.num_pixels();
-                for y in 0..sweep.height {
-                    let rows = (reference * sweep.height + y) * sweep.num_candidates();
-                    for x in 0..sweep.width {
-                        let p = y * sweep.width + x;
-                        let (mut cell, mut sums) = (None, [0.0f32; 4]);
-                        sweep.for_each_sample(reference, warp, x, y, |j, sample| {
-                            if cell != Some(sample.cell) {
-                                if let Some(cell) = cell {
-                                    flush(reference, p, map, sweep.corners(cell), sums);
-                                }
-                                (cell, sums) = (Some(sample.cell), [0.0; 4]);
+                for p in 0..sweep.num_pixels() {
+                    let (x, y) = (p % sweep.width, p / sweep.width);
+                    let here = reference * sweep.num_pixels() + p;
+                    let row = (reference * sweep.height + y) * sweep.num_candidates();
+                    sweep.samples(reference, warp, x, y, &mut samples);
+                    for run in samples.chunk_by(|a, b| a.cell == b.cell) {
+                        let mut sums = [0.0f32; 4];
+                        for sample in run {
+                            let g = factor * grad[(row + sample.candidate) * sweep.width + x];
+                            for i in 0..4 {
+                                sums[i] += g * sample.weights[i];
                             }
-                            let g = factor * grad[(rows + j) * sweep.width + x];
-                            for (sum, weight) in sums.iter_mut().zip(sample.weights) {
-                                *sum += g * weight;
+                        }
+                        let corners = sweep.corners(run[0].cell);
+                        for i in 0..4 {
+                            let Some(corner) = corners[i] else { continue };
+                            if reference == view {
+                                let source = &pixel(features, channels, map + corner)[first..first + len];
+                                add_scaled(simd, &mut output[p * len..][..len], sums[i], source);
                             }
-                        });
-                        if let Some(cell) = cell {
-                            flush(reference, p, map, sweep.corners(cell), sums);
+                            if warp.other == view {
+                                let source = &pixel(features, channels, here)[first..first + len];
+                                add_scaled(simd, &mut output[corner * len..][..len], sums[i], source);
+                            }
                         }
                     }
                 }

@@ -46,7 +46,7 @@ fn twin(query: &[f64], key: &[f64], value: &[f64], regions: &Regions) -> Vec<f64
     let mut output = vec![0.0; SURFELS * CHANNELS];
     for surfel in 0..SURFELS {
         let mut pixels = Vec::new();
-        regions.for_each_pixel(surfel, |pixel| pixels.push(pixel));
+        regions.pixels(surfel, &mut pixels);
         for head in 0..HEADS {
             let row = |values: &[f64], i: usize| values[i * CHANNELS + head * dim..][..dim].to_vec();
             let exponentials: Vec<f64> = pixels

@@ -80,7 +80,7 @@ fn regions_hold_exactly_the_pixels_that_see_the_surfel() {
     for k in 0..shapes.centres.len() {
         let home = k / (WIDTH * HEIGHT);
         let mut found = Vec::new();
-        regions.for_each_pixel(k, |pixel| found.push(pixel));
+        regions.pixels(k, &mut found);
         found.sort_unstable();
         assert!(found.contains(&k), "surfel {k} does not see its own pixel");
         let windows = &regions.windows[2 * k..2 * k + 2];
