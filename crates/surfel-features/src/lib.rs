@@ -86,7 +86,10 @@ impl FeatureMap {
     }
 
     /// The top-left `width` x `height` pixels.
-    fn cropped(&self, width: usize, height: usize) -> Self {
+    ///
+    /// # Panics
+    /// If the map is smaller.
+    pub fn cropped(&self, width: usize, height: usize) -> Self {
         let row = self.width * self.channels;
         let data = (0..height).flat_map(|y| &self.data[y * row..][..width * self.channels]).copied().collect();
         Self { channels: self.channels, width, height, stride: self.stride, data }

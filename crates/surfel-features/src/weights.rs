@@ -71,6 +71,14 @@ pub enum WeightsError {
         /// Its type in the file.
         dtype: String,
     },
+    /// A file could not be written.
+    #[error("the weight file {file} cannot be written: {reason}; check the folder and the free space")]
+    Unwritable {
+        /// The file.
+        file: String,
+        /// What the system said.
+        reason: String,
+    },
     /// A value is NaN or infinite.
     #[error("tensor {tensor} in {file} contains a value that is not a finite number; the file is damaged")]
     NotFinite {

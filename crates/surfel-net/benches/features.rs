@@ -7,7 +7,7 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Distribution, Tensor};
 use std::time::Instant;
 use surfel_core::Grid;
-use surfel_net::{FeatureExtractor, Stage};
+use surfel_features::{FeatureExtractor, Stage};
 
 /// Kernel, stride, inputs, outputs, groups of every convolution up to stride 4.
 const LAYERS_S4: [(usize, usize, usize, usize, usize); 9] = [

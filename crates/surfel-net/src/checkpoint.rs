@@ -4,12 +4,13 @@
 //! file is written beside its place and renamed, so a crash leaves the old one.
 
 use crate::model::SurfelNet;
-use crate::weights::{TensorFile, WeightsError, read_file};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use std::path::Path;
+use surfel_features::WeightsError;
+use surfel_features::weights::{TensorFile, read_file};
 
 /// Writes all weights as f32.
 ///

@@ -1,9 +1,8 @@
-//! The networks: pretrained image features and, on burn, the surfel network.
+//! The surfel network of the paper, on burn.
 //!
 //! Sits between the photographs and the rasterizer. The folders follow the paper's algorithm 1: `features`,
 //! `transformer`, `cost_volume`, `unet`, `depth`, `head`, `nyquist`, `aggregate`; `model` strings them
-//! together. Matching without learning uses [`FeatureExtractor`] alone, which runs on plain slices.
-//! Invariant: no public item of `features` or `weights` names a burn type.
+//! together. Invariant: the graph knows no unit of length; depth inside it is relative disparity.
 
 // burn's nested tensor types exceed the compiler's default depth.
 #![recursion_limit = "256"]
@@ -13,7 +12,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod cost_volume;
 mod depth;
-pub mod features;
+mod features;
 mod head;
 pub mod input;
 mod layers;
@@ -22,12 +21,9 @@ pub mod nyquist;
 pub mod ops;
 mod transformer;
 mod unet;
-pub mod weights;
 
 pub use config::{ConfigError, NetConfig, Preset};
 pub use cost_volume::DepthRange;
-pub use features::{FeatureExtractor, FeatureMap, Stage};
 pub use head::SurfelTensors;
 pub use input::{InputError, SceneInput};
 pub use model::{Prediction, SurfelNet};
-pub use weights::WeightsError;

@@ -8,7 +8,6 @@ use crate::config::{BackboneConfig, NetConfig};
 use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
 use crate::depth::{CoarseDepth, Refined, Refinement, SceneGeometry, disparity};
-use crate::features::FeatureExtractor;
 use crate::features::cnn::Cnn;
 use crate::features::pyramid::Pyramid;
 use crate::head::{Adapter, AttributeHead, SurfelTensors};
@@ -18,10 +17,10 @@ use crate::nyquist::region::regions;
 use crate::nyquist::{NEAR_CLIP, Shapes};
 use crate::ops::plane_sweep;
 use crate::transformer::Transformer;
-use crate::weights::WeightsError;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use std::sync::Arc;
+use surfel_features::{FeatureExtractor, WeightsError};
 
 /// The network.
 #[derive(Module, Debug)]

@@ -92,7 +92,7 @@ impl CostVolume {
                     band.score(reference, source, &warps[s], w, rows.clone(), weights, features, s, sources.len());
                 }
                 for (pixel, per_source) in band.total.chunks_exact_mut(sources.len()).enumerate() {
-                    if let Some(cost) = best_half_mean(per_source) {
+                    if let Some(cost) = mean_favouring_best(per_source) {
                         out[pixel * n + j] = (cost * f32::from(COST_ONE)) as i16;
                     }
                 }
@@ -102,12 +102,17 @@ impl CostVolume {
     }
 }
 
-/// Mean of the better half of the costs that exist: a source that sees an occluder does not spoil the others.
-fn best_half_mean(costs: &mut [f32]) -> Option<f32> {
+/// Mean of the costs that exist, each counting half as much as the next better one: a source that sees an
+/// occluder hardly spoils the others, and none is wasted.
+fn mean_favouring_best(costs: &mut [f32]) -> Option<f32> {
     costs.sort_by(f32::total_cmp);
-    let known = costs.iter().take_while(|c| !c.is_nan()).count();
-    let kept = known.div_ceil(2).max(known.min(1));
-    (known > 0).then(|| costs[..kept].iter().sum::<f32>() / kept as f32)
+    let (mut sum, mut total, mut weight) = (0.0f32, 0.0f32, 1.0f32);
+    for cost in costs.iter().take_while(|cost| !cost.is_nan()) {
+        sum += weight * cost;
+        total += weight;
+        weight *= 0.5;
+    }
+    (total > 0.0).then(|| sum / total)
 }
 
 /// Scratch of one band of rows at one candidate.

@@ -113,7 +113,7 @@ impl<B: Backend + SurfelOps, C: CheckpointStrategy> SurfelOps for Autodiff<B, C>
     }
 
     fn sweep_backward(_: FloatTensor<Self>, _: FloatTensor<Self>, _: Arc<Sweep>) -> FloatTensor<Self> {
-        unimplemented!("second derivatives of the plane sweep")
+        panic!("the plane sweep has no second derivatives: a gradient of it cannot be differentiated again")
     }
 
     fn gather(
@@ -156,7 +156,7 @@ impl<B: Backend + SurfelOps, C: CheckpointStrategy> SurfelOps for Autodiff<B, C>
         _: usize,
         _: Arc<Regions>,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        unimplemented!("second derivatives of the gather attention")
+        panic!("the gather attention has no second derivatives: a gradient of it cannot be differentiated again")
     }
 }
 

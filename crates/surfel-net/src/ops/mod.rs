@@ -3,11 +3,9 @@
 //! Written over `pulp::Simd`, which picks the vector instructions of the machine at run time without
 //! unsafe code. Invariant: results do not depend on the number of threads.
 
-pub(crate) mod depthwise;
 pub mod gather_attention;
 mod join;
 pub mod plane_sweep;
-pub(crate) mod pointwise;
 mod vector;
 
 pub use join::{gather_attention, plane_sweep};

@@ -1,9 +1,7 @@
 //! All integration tests in one binary: linking burn is the slow part.
 
 mod config;
-mod features;
 mod gather_attention;
 mod model;
 mod plane_sweep;
 mod region;
-mod trunk_twin;

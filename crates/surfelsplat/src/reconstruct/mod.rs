@@ -52,6 +52,8 @@ pub fn reconstruct(
     progress: &dyn Progress,
 ) -> Result<Report, ReconstructError> {
     let log = Log::new(progress);
+    // First, so that a place that cannot be written to is refused before the work is done.
+    let staged = StagedDir::new(out)?;
     let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
     let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
     let road = Road::new(&input, &range)?;
@@ -65,7 +67,6 @@ pub fn reconstruct(
     if mesh.triangles.is_empty() {
         log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
     }
-    let staged = StagedDir::new(out)?;
     let stems = input.stems();
     let images: Vec<String> = input.image_paths().iter().map(|path| path.to_string_lossy().into_owned()).collect();
     let scene_ranges: Vec<(f64, f64)> = range.ranges.iter().map(|r| (r.near, r.far)).collect();

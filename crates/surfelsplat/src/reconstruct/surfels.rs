@@ -80,7 +80,9 @@ fn append_view(
 /// Columns `t_u, t_v, t_w`, camera frame: `t_w` the normal, `t_u` down the slant as seen along `ray`.
 fn tangent_frame(normal: DVec3, ray: DVec3) -> DMat3 {
     let slant = ray - normal * ray.dot(normal);
-    let t_u = slant.try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+    // Seen head on there is no slant, only rounding.
+    let is_slanted = slant.length_squared() > 1e-16 * ray.length_squared();
+    let t_u = if is_slanted { slant.normalize() } else { normal.any_orthonormal_vector() };
     DMat3::from_cols(t_u, normal.cross(t_u), normal)
 }
 

@@ -134,7 +134,7 @@ fn the_output_cameras_are_a_scene_again() {
     assert_eq!(cameras[1]["image"], image_name(1));
     let report = run(folder.path(), "out", &["--json"]);
     let report: Value = serde_json::from_str(&report.stdout).unwrap();
-    assert_eq!(report["views"][0]["range_from"], "stated by the camera file");
+    assert_eq!(report["views"][0]["range_from"], "Stated by the camera file.");
     let [first, second] = [reconstruction(), folder.path()].map(|f| read_mesh(&f.join("out/mesh.ply")));
     assert_eq!(first.positions.len(), second.positions.len());
 }
