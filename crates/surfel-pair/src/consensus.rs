@@ -24,7 +24,7 @@ pub struct Consensus {
 }
 
 /// Fits a rigid geometry to matches sorted best first; `None` when even the best fit explains hardly
-/// more than chance would: fewer than [`MIN_INLIERS`] matches, or under 35 % of them.
+/// more than chance would: fewer than `MIN_INLIERS` matches, or under 35 % of them.
 pub fn consensus(matches: &[Match], inlier_distance: f64) -> Option<Consensus> {
     if matches.len() < MIN_INLIERS {
         return None;

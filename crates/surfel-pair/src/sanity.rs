@@ -1,7 +1,7 @@
 //! Can these cameras be right, and if not, which of the classic mistakes is it?
 //!
 //! Matches found without any camera are the witness: first they are asked whether they agree among
-//! themselves ([`crate::consensus`]), then whether they agree with the given cameras, and if not, with
+//! themselves ([`mod@crate::consensus`]), then whether they agree with the given cameras, and if not, with
 //! the cameras as corrected for every classic mistake. The invariant: cameras that explain the matches are
 //! never called wrong, and without enough matches nothing is claimed.
 

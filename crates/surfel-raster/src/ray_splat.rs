@@ -1,7 +1,7 @@
 //! Where the ray of a pixel meets a surfel, and how much of the surfel that pixel sees (spec 3.2 to 3.4).
 //!
 //! The one f64 implementation: the twin evaluates it per pixel, the fast path derives its linear form from
-//! it ([`crate::splat`]), and footprint regions of other crates ask [`Footprint::value`]. Invariant: a
+//! it (`crate::splat`), and footprint regions of other crates ask [`Footprint::value`]. Invariant: a
 //! footprint is never narrower than the pixel grid can see, whatever the slant of the surfel.
 
 use crate::pixel_camera::PixelCamera;

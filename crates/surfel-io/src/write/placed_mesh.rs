@@ -40,7 +40,7 @@ impl<'a> PlacedMesh<'a> {
         bounds(self.positions())
     }
 
-    /// True when positions need doubles: see [`loses_in_single`].
+    /// True when positions need doubles: see `loses_in_single`.
     pub fn needs_double(&self) -> bool {
         self.bounds().is_some_and(|(low, high)| loses_in_single(low, high))
     }

@@ -1,6 +1,6 @@
 //! How many pixels to compute with.
 //!
-//! By default a photograph keeps its shape and is reduced to about [`DEFAULT_PIXELS`]; never enlarged.
+//! By default a photograph keeps its shape and is reduced to about `DEFAULT_PIXELS`; never enlarged.
 //! Invariant: what is chosen fits the memory, or the road does not start.
 
 /// 640 x 512: beyond, two photographs rarely hold more than time.
