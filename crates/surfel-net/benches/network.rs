@@ -49,7 +49,7 @@ fn main() {
             Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
         })
         .collect();
-    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges };
+    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &[] };
     let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
     println!("small network: {:?}", net.parts());
     let whole = best_ms(5, || {

@@ -13,10 +13,12 @@ pub struct NetConfig {
     pub num_neighbours: usize,
     /// Per-view features at stride 4.
     pub backbone: BackboneConfig,
-    /// Multi-view transformer.
-    pub transformer: TransformerConfig,
-    /// Plane sweep and its regularisation at stride 4.
-    pub cost_volume: CostVolumeConfig,
+    /// Multi-view transformer; absent in a seeded network.
+    pub transformer: Option<TransformerConfig>,
+    /// Plane sweep and its regularisation at stride 4; absent in a seeded network.
+    pub cost_volume: Option<CostVolumeConfig>,
+    /// Coarse depth from matching instead of a cost volume of the network's own.
+    pub seeded: Option<SeededConfig>,
     /// Refinement towards full resolution.
     pub refinement: RefinementConfig,
     /// Surfel attributes.
@@ -93,6 +95,28 @@ pub struct CostVolumeConfig {
     pub num_candidates: usize,
     /// Regularisation.
     pub unet: UnetConfig,
+}
+
+/// A network whose coarse depth is a `seed::Seed` that matching gives.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeededConfig {
+    /// Distances in pixels at which the eight neighbours of a pixel propose their planes to it.
+    pub distances: Vec<usize>,
+}
+
+impl SeededConfig {
+    /// Planes proposed to each pixel, its own included.
+    pub fn num_proposals(&self) -> usize {
+        1 + 8 * self.distances.len()
+    }
+
+    /// Where proposals come from, columns and rows, the pixel itself first.
+    pub(crate) fn offsets(&self) -> Vec<[i32; 2]> {
+        const AROUND: [[i32; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
+        let ring = |&distance: &usize| AROUND.map(|offset| offset.map(|o| o * distance as i32));
+        std::iter::once([0, 0]).chain(self.distances.iter().flat_map(ring)).collect()
+    }
 }
 
 /// Spec 2.4.4 and 2.4.5.
@@ -217,14 +241,18 @@ impl NetConfig {
 
     /// Image sides are padded to a multiple of this before they enter the network.
     pub fn size_multiple(&self) -> usize {
-        let coarse = 4 * lcm(self.cost_volume.unet.stride(), self.transformer.num_splits);
+        let volume = self.cost_volume.as_ref().map_or(1, |volume| volume.unet.stride());
+        let coarse = 4 * lcm(volume, self.transformer.as_ref().map_or(1, |t| t.num_splits));
         let pretrained = if matches!(self.backbone, BackboneConfig::Pretrained { .. }) { 16 } else { 4 };
         lcm(lcm(coarse, self.refinement.stride * self.refinement.unet.stride()), pretrained)
     }
 
     /// Channels of the feature each surfel is decoded from, the paper's `F` (spec 2.4.6).
+    ///
+    /// A seeded network adds the normal of the refined plane and the density.
     pub fn feature_channels(&self) -> usize {
-        self.refinement.unet.channels + 3 + self.refinement.upsampled_channels
+        let geometry = if self.seeded.is_some() { 4 } else { 0 };
+        self.refinement.unet.channels + 3 + self.refinement.upsampled_channels + geometry
     }
 
     fn check(&self) -> Result<(), ConfigError> {
@@ -243,17 +271,27 @@ impl NetConfig {
         if let BackboneConfig::Cnn { widths, .. } = &self.backbone {
             widths.iter().try_for_each(|&width| channels("backbone.widths", width))?;
         }
-        count("transformer.num_layers", self.transformer.num_layers, 64, "between 1 and 64")?;
-        count("transformer.num_splits", self.transformer.num_splits, 64, "between 1 and 64")?;
-        count("transformer.expansion", self.transformer.expansion, 16, "between 1 and 16")?;
-        let candidates = self.cost_volume.num_candidates;
-        require(
-            (2..=4096).contains(&candidates),
-            "cost_volume.num_candidates",
-            candidates.to_string(),
-            "between 2 and 4096",
-        )?;
-        for unet in [&self.cost_volume.unet, &self.refinement.unet] {
+        let own = self.transformer.is_some() && self.cost_volume.is_some();
+        let absent = self.transformer.is_none() && self.cost_volume.is_none();
+        let ok = if self.seeded.is_some() { absent } else { own };
+        let expected = "there when [transformer] and [cost_volume] are not, and absent when both are";
+        require(ok, "[seeded]", if self.seeded.is_some() { "there" } else { "absent" }.to_owned(), expected)?;
+        if let Some(seeded) = &self.seeded {
+            let distances = &seeded.distances;
+            count("the number of seeded.distances", distances.len(), 4, "between 1 and 4")?;
+            distances.iter().try_for_each(|&d| count("seeded.distances", d, 256, "between 1 and 256"))?;
+        }
+        if let Some(transformer) = &self.transformer {
+            count("transformer.num_layers", transformer.num_layers, 64, "between 1 and 64")?;
+            count("transformer.num_splits", transformer.num_splits, 64, "between 1 and 64")?;
+            count("transformer.expansion", transformer.expansion, 16, "between 1 and 16")?;
+        }
+        if let Some(volume) = &self.cost_volume {
+            let candidates = volume.num_candidates;
+            let expected = "between 2 and 4096";
+            require((2..=4096).contains(&candidates), "cost_volume.num_candidates", candidates.to_string(), expected)?;
+        }
+        for unet in self.cost_volume.iter().map(|volume| &volume.unet).chain([&self.refinement.unet]) {
             channels("unet.channels", unet.channels)?;
             count("the number of unet.multipliers", unet.multipliers.len(), 8, "between 1 and 8")?;
             unet.multipliers.iter().try_for_each(|&m| count("unet.multipliers", m, 16, "between 1 and 16"))?;

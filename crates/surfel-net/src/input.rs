@@ -3,6 +3,7 @@
 //! Invariant: a scene that passed [`SceneInput::check`] cannot make the network panic.
 
 use crate::cost_volume::DepthRange;
+use crate::seed::Seed;
 use surfel_core::{Camera, Grid};
 
 /// Posed views of one scene; one image, camera and range per view, all images of one size.
@@ -14,6 +15,8 @@ pub struct SceneInput<'a> {
     pub cameras: &'a [Camera],
     /// Depths each view may contain, scene units.
     pub ranges: &'a [DepthRange],
+    /// What matching found in each view, for a seeded network; empty for any other.
+    pub seeds: &'a [Seed],
 }
 
 /// Why a scene is refused.
@@ -64,6 +67,20 @@ pub enum InputError {
         /// Far end.
         far: f64,
     },
+    /// Seeds for a network without use for them, or none for one that needs them.
+    #[error("{found} seeds were given where the network expects {expected}; run matching for a seeded network only")]
+    Seeds {
+        /// Number of seeds.
+        found: usize,
+        /// Number the network needs.
+        expected: usize,
+    },
+    /// A seed of another size than its image, or with values that are not finite.
+    #[error("the seed of view {view} cannot be used: its maps must have the size of the image and finite values")]
+    Seed {
+        /// Index of the view.
+        view: usize,
+    },
     /// A pixel that is not a number.
     #[error("the image of view {view} holds a value that is not a finite number; read the photograph again")]
     Pixel {
@@ -99,7 +116,11 @@ impl SceneInput<'_> {
                 return Err(InputError::Pixel { view });
             }
         }
-        Ok(())
+        let usable = |seed: &Seed| seed.size() == Some(expected) && seed.is_finite();
+        match self.seeds.iter().position(|seed| !usable(seed)) {
+            Some(view) => Err(InputError::Seed { view }),
+            None => Ok(()),
+        }
     }
 
     /// The images extended right and down to multiples of `multiple` by repeating their border.

@@ -50,6 +50,13 @@ pub(crate) fn upsample(map: Tensor<4>, factor: usize, before: usize) -> Tensor<4
     interpolate(map, options).pad((before, after, before, after), PadMode::Edge)
 }
 
+/// Nearest upsampling by an integer factor.
+pub(crate) fn nearest(map: Tensor<4>, factor: usize) -> Tensor<4> {
+    let [_, _, height, width] = map.dims();
+    let size = [factor * height, factor * width];
+    interpolate(map, InterpolateOptions::new(InterpolateMode::Nearest).with_output_size(size))
+}
+
 /// Every `factor` x `factor` block of pixels as the channels of one pixel.
 pub(crate) fn space_to_depth(map: Tensor<4>, factor: usize) -> Tensor<4> {
     let [views, channels, height, width] = map.dims();

@@ -19,6 +19,7 @@ mod layers;
 pub mod model;
 pub mod nyquist;
 pub mod ops;
+pub mod seed;
 mod transformer;
 mod unet;
 
@@ -27,3 +28,4 @@ pub use cost_volume::DepthRange;
 pub use head::SurfelTensors;
 pub use input::{InputError, SceneInput};
 pub use model::{Prediction, SurfelNet};
+pub use seed::Seed;

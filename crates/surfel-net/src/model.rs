@@ -7,11 +7,12 @@ use crate::aggregate::Aggregation;
 use crate::config::{BackboneConfig, NetConfig};
 use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
-use crate::depth::{CoarseDepth, Refined, Refinement, SceneGeometry, disparity};
+use crate::depth::{CoarseDepth, Refined, Refinement, SceneGeometry, SeedMaps, SeededRefinement, disparity};
 use crate::features::cnn::Cnn;
 use crate::features::pyramid::Pyramid;
-use crate::head::{Adapter, AttributeHead, SurfelTensors};
+use crate::head::{Adapter, AttributeHead, Base, SurfelTensors, frames_from_normals, normals_away};
 use crate::input::{InputError, SceneInput};
+use crate::layers::nearest;
 use crate::nyquist::adapt::{Adaptation, adapt};
 use crate::nyquist::region::regions;
 use crate::nyquist::{NEAR_CLIP, Shapes};
@@ -27,9 +28,10 @@ use surfel_features::{FeatureExtractor, WeightsError};
 pub struct SurfelNet {
     cnn: Option<Cnn>,
     pyramid: Option<Pyramid>,
-    transformer: Transformer,
-    coarse: CoarseDepth,
-    refinement: Refinement,
+    transformer: Option<Transformer>,
+    coarse: Option<CoarseDepth>,
+    refinement: Option<Refinement>,
+    seeded: Option<SeededRefinement>,
     head: AttributeHead,
     aggregation: Option<Aggregation>,
     #[module(skip)]
@@ -43,7 +45,8 @@ pub struct SurfelNet {
 pub struct Prediction {
     /// z-depth, scene units, `[views, height, width]`.
     pub depth: Tensor<3>,
-    /// Largest probability of a coarse candidate, in (0, 1], `[views, ceil(height / 4), ceil(width / 4)]`.
+    /// How sure the depth is, in [0, 1], `[views, height, width]`: the largest probability of a coarse candidate,
+    /// in a seeded network the density, which training calibrates.
     pub confidence: Tensor<3>,
     /// Surfels of the first head pass.
     pub initial: SurfelTensors,
@@ -70,9 +73,10 @@ impl SurfelNet {
         let net = Self {
             cnn,
             pyramid,
-            transformer: Transformer::new(channels, &config.transformer, device),
-            coarse: CoarseDepth::new(channels, &config.cost_volume, device),
-            refinement: Refinement::new(&config, device),
+            transformer: config.transformer.as_ref().map(|config| Transformer::new(channels, config, device)),
+            coarse: config.cost_volume.as_ref().map(|config| CoarseDepth::new(channels, config, device)),
+            refinement: config.seeded.is_none().then(|| Refinement::new(&config, device)),
+            seeded: config.seeded.as_ref().map(|seeded| SeededRefinement::new(&config, seeded, device)),
             head: AttributeHead::new(feature_channels, &config.head, device),
             aggregation: config
                 .aggregation
@@ -97,7 +101,7 @@ impl SurfelNet {
             ("backbone", backbone),
             ("transformer", self.transformer.num_params()),
             ("coarse depth", self.coarse.num_params()),
-            ("refinement", self.refinement.num_params()),
+            ("refinement", self.refinement.num_params() + self.seeded.num_params()),
             ("attribute head", self.head.num_params()),
             ("aggregation", self.aggregation.num_params()),
         ]
@@ -109,6 +113,10 @@ impl SurfelNet {
     /// [`InputError`] when views are missing, differ in size, or have an unusable camera or depth range.
     pub fn forward(&self, scene: &SceneInput, device: &Device) -> Result<Prediction, InputError> {
         scene.check()?;
+        let expected = if self.config.seeded.is_some() { scene.images.len() } else { 0 };
+        if scene.seeds.len() != expected {
+            return Err(InputError::Seeds { found: scene.seeds.len(), expected });
+        }
         let (width, height) = (scene.images[0].width(), scene.images[0].height());
         let others = neighbours(scene.cameras, self.config.num_neighbours);
         let targets: Vec<Vec<usize>> =
@@ -119,13 +127,20 @@ impl SurfelNet {
 
         let (refined, confidence) = self.depth(scene, &geometry, &index_tensor(&others, device), device);
         let crop = |map: Tensor<4>| map.narrow(2, 0, height).narrow(3, 0, width);
-        let features = crop(refined.features);
-        let depth = disparity(crop(refined.disparity), scene.ranges).recip();
+        let disparity = disparity(crop(refined.disparity), scene.ranges);
         let opacity = crop(refined.density);
+        let mut features = crop(refined.features);
+        let mut base = None;
+        if let Some(slopes) = refined.slopes {
+            let normals = normals_away(scene.cameras, disparity.clone(), crop(slopes), device);
+            features = Tensor::cat(vec![features, normals.clone(), opacity.clone()], 1);
+            base = Some(Base { frames: frames_from_normals(normals), colours: image_tensor(scene.images, device) });
+        }
+        let depth = disparity.recip();
 
         let adapter = Adapter::new(scene.cameras, &self.config.head, device);
         let surfels_of =
-            |features: Tensor<4>| adapter.forward(self.head.forward(features), depth.clone(), opacity.clone());
+            |features: Tensor<4>| adapter.forward(self.head.forward(features), depth.clone(), opacity.clone(), base.as_ref());
         let initial = surfels_of(features.clone());
         let (adaptation, surfels) = match &self.aggregation {
             Some(aggregation) => {
@@ -135,17 +150,16 @@ impl SurfelNet {
             None => (None, initial.clone()),
         };
         let views = scene.images.len();
-        let (rows, columns) = (height.div_ceil(4), width.div_ceil(4));
         Ok(Prediction {
             depth: depth.reshape([views, height, width]),
-            confidence: confidence.narrow(2, 0, rows).narrow(3, 0, columns).reshape([views, rows, columns]),
+            confidence: crop(confidence).reshape([views, height, width]),
             initial,
             adaptation,
             surfels,
         })
     }
 
-    /// Features, matching and depth at the padded size; also the confidence at stride 4.
+    /// Features and depth at the padded size; also the confidence.
     fn depth(
         &self,
         scene: &SceneInput,
@@ -160,9 +174,31 @@ impl SurfelNet {
             (None, Some(pyramid), Some(trunk)) => pyramid.forward(trunk, &padded, device),
             _ => unreachable!("a network is built with one of the two backbones"),
         };
-        let matching = self.transformer.forward(context.clone(), others.clone());
+        match (&self.transformer, &self.coarse, &self.refinement, &self.seeded, &self.config.seeded) {
+            (_, _, _, Some(seeded), Some(config)) => {
+                let (width, height) = (padded[0].width(), padded[0].height());
+                let seeds: Vec<_> = scene.seeds.iter().map(|seed| seed.padded(width, height)).collect();
+                let maps = SeedMaps::new(&seeds, config.offsets(), self.config.refinement.stride, device);
+                let refined = seeded.forward(&self.config, images, context, &maps, geometry);
+                let confidence = refined.density.clone();
+                (refined, confidence)
+            }
+            (Some(transformer), Some(coarse), Some(refinement), _, _) => {
+                let matching = transformer.forward(context.clone(), others.clone());
+                let (disparity, confidence) = self.swept(coarse, &matching, geometry);
+                let pair = (disparity, confidence.clone());
+                let refined = refinement.forward(&self.config, images, (matching, context), pair, geometry);
+                (refined, nearest(confidence, 4))
+            }
+            _ => unreachable!("a network is built with one of the two sources of coarse depth"),
+        }
+    }
+
+    /// Relative disparity and confidence at stride 4 from the plane sweep.
+    fn swept(&self, coarse: &CoarseDepth, matching: &Tensor<4>, geometry: &SceneGeometry) -> (Tensor<4>, Tensor<4>) {
         let [_, _, rows, columns] = matching.dims();
-        let candidates = |range: &DepthRange| uniform_candidates(range, self.config.cost_volume.num_candidates);
+        let num_candidates = self.config.cost_volume.as_ref().map_or(2, |volume| volume.num_candidates);
+        let candidates = |range: &DepthRange| uniform_candidates(range, num_candidates);
         let coarse_sweep = sweep(
             warps(geometry.cameras, geometry.neighbours, 4),
             (columns, rows),
@@ -170,9 +206,7 @@ impl SurfelNet {
             None,
         );
         let correlation = plane_sweep(matching.clone(), Arc::new(coarse_sweep));
-        let (coarse, confidence) = self.coarse.forward(correlation, matching.clone(), geometry.sources);
-        let pair = (coarse, confidence.clone());
-        (self.refinement.forward(&self.config, images, (matching, context), pair, geometry), confidence)
+        coarse.forward(correlation, matching.clone(), geometry.sources)
     }
 
     fn regions(

@@ -43,6 +43,12 @@ pub struct DepthEstimate {
     pub confidence: Grid<f32>,
     /// Number of depth candidates of the sweep.
     pub num_candidates: usize,
+    /// The surface as a plane per pixel, in inverse depth; also where `depth` is 0.
+    pub planes: Grid<Plane>,
+    /// What the last photometric correction found, before the last fit smoothed it.
+    pub correction: Grid<Correction>,
+    /// Inverse depth that moves the fastest source by about a pixel, 1 / scene unit; 0 for an empty estimate.
+    pub step: f32,
 }
 
 /// State of one view between the steps.
@@ -84,7 +90,7 @@ pub fn estimate_depths(views: &[MatchView], neighbours: &[Vec<usize>], config: &
     let agreement = stage(0).check_all(&surfaces);
     (0..views.len())
         .map(|v| match (&surfaces[v], &agreement[v]) {
-            (Some(surface), Some(agreement)) => finish(&views[v], surface, agreement, config),
+            (Some(surface), Some(agreement)) => finish(&views[v], surface, agreement, pyramid.len() - 1, config),
             _ => empty(&views[v]),
         })
         .collect()
@@ -235,7 +241,13 @@ impl<'a> Stage<'a> {
     }
 }
 
-fn finish(view: &MatchView, surface: &Surface, agreement: &Grid<Agreement>, config: &MatchConfig) -> DepthEstimate {
+fn finish(
+    view: &MatchView,
+    surface: &Surface,
+    agreement: &Grid<Agreement>,
+    halvings: usize,
+    config: &MatchConfig,
+) -> DepthEstimate {
     let (width, height) = (surface.planes.width(), surface.planes.height());
     let valid = view.image.valid;
     let depth = Grid::from_fn(width, height, |x, y| if valid[(x, y)] { 1.0 / surface.planes[(x, y)].w } else { 0.0 });
@@ -257,7 +269,16 @@ fn finish(view: &MatchView, surface: &Surface, agreement: &Grid<Agreement>, conf
         let matched = surface.correction[(x, y)].correlation.clamp(0.0, 1.0);
         if valid[(x, y)] { agreed * matched.sqrt() } else { 0.0 }
     });
-    DepthEstimate { depth, normal, confidence, num_candidates: surface.candidates.count }
+    let step = surface.candidates.step / config.step_px * 0.5f64.powi(halvings as i32);
+    DepthEstimate {
+        depth,
+        normal,
+        confidence,
+        num_candidates: surface.candidates.count,
+        planes: surface.planes.clone(),
+        correction: surface.correction.clone(),
+        step: step as f32,
+    }
 }
 
 fn empty(view: &MatchView) -> DepthEstimate {
@@ -267,5 +288,8 @@ fn empty(view: &MatchView) -> DepthEstimate {
         normal: Grid::filled(width, height, [0.0; 3]),
         confidence: Grid::filled(width, height, 0.0),
         num_candidates: 0,
+        planes: Grid::filled(width, height, Plane::default()),
+        correction: Grid::filled(width, height, Correction::default()),
+        step: 0.0,
     }
 }

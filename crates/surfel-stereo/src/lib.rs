@@ -11,6 +11,7 @@ pub mod consistency;
 pub mod cost_volume;
 pub mod estimate;
 pub mod fill;
+pub mod photographs;
 pub mod plane_fit;
 pub mod probe;
 pub mod pyramid;

@@ -1,13 +1,18 @@
-//! Depth from the cost volume: a coarse distribution at stride 4, then refinement to full resolution.
+//! Depth: a coarse distribution over a cost volume at stride 4, then refinement to full resolution; or, in a
+//! seeded network, the refinement of what matching found.
 //!
 //! Inside the network, depth is *relative disparity* in \[0, 1\]: 0 at the far end of the view's range, 1 at
 //! the near end. Invariant: nothing here depends on the scene unit.
 
 mod coarse;
 mod refine;
+mod seed_maps;
+mod seeded;
 
 pub(crate) use coarse::CoarseDepth;
 pub(crate) use refine::{Refined, Refinement, SceneGeometry};
+pub(crate) use seed_maps::SeedMaps;
+pub(crate) use seeded::SeededRefinement;
 
 use crate::cost_volume::DepthRange;
 use burn::tensor::{Device, Tensor, TensorData};

@@ -24,8 +24,11 @@ pub(crate) struct Refined {
     pub(crate) disparity: Tensor<4>,
     /// Opacity before mapping, in (0, 1), `[views, 1, height, width]`.
     pub(crate) density: Tensor<4>,
-    /// The paper's `F`, `[views, feature channels, height, width]`.
+    /// The paper's `F`, `[views, feature channels, height, width]`, without the geometry a seeded network adds.
     pub(crate) features: Tensor<4>,
+    /// Change of disparity (1 / scene unit) per pixel to the right and down, `[views, 2, height, width]`;
+    /// known to a seeded network.
+    pub(crate) slopes: Option<Tensor<4>>,
 }
 
 /// What the refinement needs to know of the scene.
@@ -98,6 +101,7 @@ impl Refinement {
             disparity: (upsample(coarse, 4, 0) + correction).clamp(0.0, 1.0),
             density: sigmoid(output.narrow(1, 1, 1)),
             features: Tensor::cat(features, 1),
+            slopes: None,
         }
     }
 }
@@ -107,7 +111,7 @@ fn fine_correlation(config: &NetConfig, features: Tensor<4>, coarse: Tensor<4>, 
     let Some(fine) = &config.refinement.sweep else { return features };
     let [_, _, height, width] = features.dims();
     let half = (fine.num_candidates / 2) as f64;
-    let coarse_steps = (config.cost_volume.num_candidates - 1) as f64;
+    let coarse_steps = config.cost_volume.as_ref().map_or(1.0, |volume| (volume.num_candidates - 1) as f64);
     let disparities = scene.ranges.iter().map(|range| {
         let step = fine.step * range.disparity_span() / coarse_steps;
         (0..fine.num_candidates).map(|j| ((j as f64 - half) * step) as f32).collect()

@@ -4,12 +4,22 @@
 
 use super::SurfelTensors;
 use super::attributes::NUM_SHAPE;
+use super::plane_frame::product;
 use crate::config::HeadConfig;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DQuat;
 use surfel_core::Camera;
 use surfel_core::sh::{self, ShRotation};
+
+/// What a seeded network's attributes are relative to.
+#[derive(Clone)]
+pub(crate) struct Base {
+    /// Tangent frames, quaternions w x y z in the camera, `[views, 4, height, width]`.
+    pub(crate) frames: Tensor<4>,
+    /// sRGB of the pixels, `[views, 3, height, width]`.
+    pub(crate) colours: Tensor<4>,
+}
 
 /// What the adapter needs of the cameras, as tensors.
 pub(crate) struct Adapter {
@@ -57,8 +67,15 @@ impl Adapter {
         }
     }
 
-    /// Surfels of raw attributes `[views, outputs, height, width]`, z-depth and opacity `[views, 1, height, width]`.
-    pub(crate) fn forward(&self, attributes: Tensor<4>, depth: Tensor<4>, opacity: Tensor<4>) -> SurfelTensors {
+    /// Surfels of raw attributes `[views, outputs, height, width]`, z-depth and opacity `[views, 1, height, width]`;
+    /// with a base, rotations are turns of its frames and colours corrections of its colours.
+    pub(crate) fn forward(
+        &self,
+        attributes: Tensor<4>,
+        depth: Tensor<4>,
+        opacity: Tensor<4>,
+        base: Option<&Base>,
+    ) -> SurfelTensors {
         let [views, outputs, height, width] = attributes.dims();
         let pixels = height * width;
         let attributes: Tensor<3> = attributes.reshape([views, outputs, pixels]);
@@ -71,10 +88,21 @@ impl Adapter {
 
         let in_camera = attributes.clone().narrow(1, 2, 4);
         let length = (in_camera.clone().powi_scalar(2).sum_dim(1) + 1e-8).sqrt();
-        let rotations = self.quaternion_products.clone().matmul(in_camera / length);
+        let turn = in_camera / length;
+        let in_camera = match base {
+            Some(base) => product(base.frames.clone().reshape([views, 4, pixels]), turn),
+            None => turn,
+        };
+        let rotations = self.quaternion_products.clone().matmul(in_camera);
 
         let num_sh = sh::num_coefficients(sh_degree);
-        let in_camera: Tensor<4> = attributes.narrow(1, NUM_SHAPE, 3 * num_sh).reshape([views, 3, num_sh, pixels]);
+        let mut in_camera: Tensor<4> = attributes.narrow(1, NUM_SHAPE, 3 * num_sh).reshape([views, 3, num_sh, pixels]);
+        if let Some(base) = base {
+            let constant = (base.colours.clone() - 0.5) / sh::C0;
+            let constant: Tensor<4> = constant.reshape([views, 3, 1, pixels]) + in_camera.clone().narrow(2, 0, 1);
+            let others = (num_sh > 1).then(|| in_camera.narrow(2, 1, num_sh - 1));
+            in_camera = Tensor::cat(std::iter::once(constant).chain(others).collect(), 2);
+        }
         let rotated = self.sh_rotations.clone().matmul(in_camera);
         let per_surfel = |t: Tensor<3>| {
             let channels = t.dims()[1];

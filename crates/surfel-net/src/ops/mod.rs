@@ -1,11 +1,14 @@
-//! Numeric kernels on plain slices, and the two of them that burn differentiates through.
+//! Numeric kernels on plain slices, and those of them that burn differentiates through.
 //!
 //! Written over `pulp::Simd`, which picks the vector instructions of the machine at run time without
 //! unsafe code. Invariant: results do not depend on the number of threads.
 
 pub mod gather_attention;
 mod join;
+mod join_propagate;
 pub mod plane_sweep;
+pub mod propagate;
 mod vector;
 
 pub use join::{gather_attention, plane_sweep};
+pub use join_propagate::propagate as propagate_planes;

@@ -50,7 +50,7 @@ impl Scene {
     }
 
     fn input(&self) -> SceneInput<'_> {
-        SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges }
+        SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds: &[] }
     }
 }
 
@@ -222,7 +222,7 @@ fn weights_survive_a_file_and_other_networks_refuse_it() {
     let loaded = checkpoint::load(other, &path).unwrap();
     assert_eq!(depth(&trained), depth(&loaded));
     let mut config = tiny();
-    config.cost_volume.num_candidates = 18;
+    config.cost_volume.as_mut().unwrap().num_candidates = 18;
     let error = checkpoint::load(net(config, &device), &path).unwrap_err();
     assert!(error.to_string().contains("belongs to another network"), "{error}");
 }

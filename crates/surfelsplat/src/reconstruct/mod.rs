@@ -57,9 +57,9 @@ pub fn reconstruct(
     let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
     let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
     let road = Road::new(&input, &range)?;
-    let features = log.stage(Stage::Features, || depth::features_of(&road.views))?;
+    let features = log.stage(Stage::Features, || surfel_stereo::photographs::features_of(&road.views))?;
     let estimates = log.stage(Stage::Depth, || {
-        depth::match_depths(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
+        surfel_stereo::photographs::match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
     });
     let surfels = log.stage(Stage::Surfels, || surfels::surfels_from_depth(&road.views, &estimates, &options.surfels));
     let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;

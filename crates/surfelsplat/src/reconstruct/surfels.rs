@@ -119,6 +119,9 @@ mod tests {
             normal: Grid::filled(24, 18, n),
             confidence: Grid::filled(24, 18, 0.5),
             num_candidates: 2,
+            planes: Grid::filled(24, 18, Default::default()),
+            correction: Grid::filled(24, 18, Default::default()),
+            step: 1.0,
         };
         let view = |x: f64| View::new("v", Grid::filled(24, 18, [0.2, 0.4, 0.6]), camera(x));
         (vec![view(0.0), view(-0.3)], vec![estimate.clone(), estimate])

@@ -1,0 +1,115 @@
+//! Matching's depth to a better one: the refinement of a network whose coarse depth is a [`Seed`].
+//!
+//! At half resolution (or another stride) a U-Net sees the photograph, pretrained features, what matching knows
+//! and a narrow learned sweep around it; it weighs the planes its surroundings propose (`ops::propagate`) and
+//! adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
+//! and everything is in steps, so neither unit nor depth range is seen.
+
+use super::seed_maps::SeedMaps;
+use super::{Refined, SceneGeometry, per_view};
+use crate::config::{NetConfig, RefinementConfig, SeededConfig};
+use crate::cost_volume::{sweep, warps};
+use crate::layers::{conv3x3, depth_to_space, group_norm, space_to_depth, upsample};
+use crate::ops::{plane_sweep, propagate_planes};
+use crate::unet::Unet;
+use burn::module::{Module, Param};
+use burn::nn::GroupNorm;
+use burn::nn::conv::Conv2d;
+use burn::tensor::activation::{gelu, sigmoid};
+use burn::tensor::{Device, Tensor};
+use std::sync::Arc;
+
+/// Score by which a pixel's own plane leads at the start.
+const OWN_LEAD: f64 = 6.0;
+/// Corrections of a plane and a density per pixel.
+const PER_PIXEL: usize = 4;
+
+/// The refinement.
+#[derive(Module, Debug)]
+pub(crate) struct SeededRefinement {
+    upsampler: Conv2d,
+    matcher: Option<Conv2d>,
+    enter: Conv2d,
+    enter_norm: GroupNorm,
+    unet: Unet,
+    to_planes: [Conv2d; 2],
+}
+
+impl SeededRefinement {
+    pub(crate) fn new(config: &NetConfig, seeded: &SeededConfig, device: &Device) -> Self {
+        let RefinementConfig { stride, upsampled_channels, unet, sweep } = &config.refinement;
+        let (width, image) = (unet.channels, 3 * stride * stride);
+        let num_fine = sweep.as_ref().map_or(0, |s| s.num_candidates);
+        let num_proposals = seeded.num_proposals();
+        let inputs = image + upsampled_channels + SeedMaps::channels(*stride, num_proposals) + num_fine;
+        let mut last = conv3x3(2 * width, num_proposals + PER_PIXEL * stride * stride, device);
+        last.weight = Param::from_tensor(last.weight.val().zeros_like());
+        last.bias = last.bias.map(|bias| Param::from_tensor(bias.val().zeros_like()));
+        Self {
+            upsampler: conv3x3(config.backbone.channels(), *upsampled_channels, device),
+            matcher: sweep.as_ref().map(|s| conv3x3(upsampled_channels + image, s.channels, device)),
+            enter: conv3x3(inputs, width, device),
+            enter_norm: group_norm(width, 4, device),
+            unet: Unet::new(unet, device),
+            to_planes: [conv3x3(width, 2 * width, device), last],
+        }
+    }
+
+    /// `images` `[views, 3, height, width]`, `context` features at stride 4.
+    pub(crate) fn forward(
+        &self,
+        config: &NetConfig,
+        images: Tensor<4>,
+        context: Tensor<4>,
+        seeds: &SeedMaps,
+        scene: &SceneGeometry,
+    ) -> Refined {
+        let stride = config.refinement.stride;
+        let upsampled = gelu(upsample(self.upsampler.forward(context), 4 / stride, 0));
+        let pixels = space_to_depth(images.clone(), stride);
+        let mut inputs = vec![pixels.clone(), upsampled.clone(), seeds.inputs.clone()];
+        if let Some(matcher) = &self.matcher {
+            let features = matcher.forward(Tensor::cat(vec![upsampled.clone(), pixels], 1));
+            inputs.push(fine_correlation(config, features, seeds, scene));
+        }
+        let x = gelu(self.enter_norm.forward(self.enter.forward(Tensor::cat(inputs, 1))));
+        let refined = self.unet.forward(x, scene.sources);
+        let [first, second] = &self.to_planes;
+        let output = second.forward(gelu(first.forward(refined.clone())));
+        let count = seeds.proposals.offsets.len();
+        let scores = output.clone().narrow(1, 0, count) + own_lead(count, &output.device());
+        let per_pixel = depth_to_space(output.narrow(1, count, PER_PIXEL * stride * stride), stride);
+        let planes = propagate_planes(scores, seeds.proposals.clone()) + per_pixel.clone().narrow(1, 0, 3);
+        let density = sigmoid(per_pixel.narrow(1, 3, 1) + seeds.confidence_score.clone());
+        let device = planes.device();
+        // Steps of the view, from the far end, over the range: relative disparity.
+        let far = per_view(scene.ranges, |range| range.far_disparity(), &device);
+        let span = per_view(scene.ranges, |range| range.disparity_span(), &device);
+        let moved = planes.clone().narrow(1, 0, 1) * seeds.steps.clone() + seeds.inverse_depth.clone();
+        let disparity = ((moved - far) / span).clamp(0.0, 1.0);
+        let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone();
+        let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
+        Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes) }
+    }
+}
+
+/// The head start of each pixel's own plane, the first proposal.
+fn own_lead(count: usize, device: &Device) -> Tensor<4> {
+    let mut lead = vec![0.0f32; count];
+    lead[0] = OWN_LEAD as f32;
+    Tensor::<1>::from_floats(lead.as_slice(), device).reshape([1, count, 1, 1])
+}
+
+/// Learned correlations around the seed; no gradient flows into their position.
+fn fine_correlation(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &SceneGeometry) -> Tensor<4> {
+    let Some(fine) = &config.refinement.sweep else { return features };
+    let [_, _, height, width] = features.dims();
+    let half = (fine.num_candidates / 2) as f64;
+    let disparities = seeds
+        .step_of_view
+        .iter()
+        .map(|step| (0..fine.num_candidates).map(|j| ((j as f64 - half) * fine.step) as f32 * step).collect());
+    let warps = warps(scene.cameras, scene.neighbours, config.refinement.stride);
+    let base = Some(seeds.block_inverse_depth.clone());
+    plane_sweep(features, Arc::new(sweep(warps, (width, height), disparities.collect(), base)))
+}

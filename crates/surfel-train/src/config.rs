@@ -1,0 +1,113 @@
+//! The settings of a training run, read from TOML.
+//!
+//! Everything a run depends on is here. Invariant: an unknown key is an error, and the configuration is stored
+//! with every checkpoint, so a resumed run cannot silently become another.
+
+use crate::error::TrainError;
+use crate::loss::LossWeights;
+use crate::schedule::OneCycle;
+use crate::source::SourceConfig;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A training run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// The network: TOML as in `surfel-net/presets`, or the name of a preset.
+    pub network: String,
+    /// Names the initial weights and the order of samples.
+    pub seed: u64,
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Samples per step, whose gradients are averaged.
+    pub batch: usize,
+    /// Largest norm of all gradients together.
+    pub clip: f64,
+    /// Learning rate over the steps.
+    pub rate: OneCycle,
+    /// Weights of the loss.
+    pub loss: LossWeights,
+    /// Samples to learn from; the first `num_samples` of each source, in an order drawn anew every epoch.
+    pub train: Vec<SourceEntry>,
+    /// Samples to measure on, from the validation side of the assets.
+    pub validation: Vec<SourceEntry>,
+    /// When to log, measure and save.
+    pub every: Intervals,
+}
+
+/// A source and how many of its samples are used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceEntry {
+    /// How many.
+    pub num_samples: u64,
+    /// The source.
+    #[serde(flatten)]
+    pub source: SourceConfig,
+}
+
+/// Steps between things.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Intervals {
+    /// A line of `metrics.jsonl`.
+    pub log: u64,
+    /// Validation.
+    pub validate: u64,
+    /// A checkpoint.
+    pub checkpoint: u64,
+}
+
+impl TrainConfig {
+    /// Reads and checks a configuration.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] with the key at fault.
+    pub fn from_file(path: &Path) -> Result<Self, TrainError> {
+        let text = std::fs::read_to_string(path).map_err(TrainError::unreadable(path))?;
+        Self::from_toml(&text).map_err(|reason| TrainError::Config { path: path.to_path_buf(), reason })
+    }
+
+    /// Reads and checks a configuration.
+    ///
+    /// # Errors
+    /// What is wrong, in words.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        let config: Self = toml::from_str(text).map_err(|error| error.to_string())?;
+        config.network()?;
+        let positive = [
+            ("steps", config.steps > 0),
+            ("batch", config.batch > 0),
+            ("clip", config.clip > 0.0),
+            ("rate.rate", config.rate.rate > 0.0),
+            ("every.log", config.every.log > 0),
+            ("every.validate", config.every.validate > 0),
+            ("every.checkpoint", config.every.checkpoint > 0),
+            ("train (its num_samples)", config.num_samples() > 0),
+        ];
+        match positive.iter().find(|(_, ok)| !ok) {
+            Some((key, _)) => Err(format!("{key} must be above 0")),
+            None => Ok(config),
+        }
+    }
+
+    /// The network's settings.
+    ///
+    /// # Errors
+    /// What is wrong with them, in words.
+    pub fn network(&self) -> Result<surfel_net::NetConfig, String> {
+        use surfel_net::{NetConfig, Preset};
+        match self.network.as_str() {
+            "paper" => Ok(NetConfig::preset(Preset::Paper)),
+            "small" => Ok(NetConfig::preset(Preset::Small)),
+            "tiny" => Ok(NetConfig::preset(Preset::Tiny)),
+            text => NetConfig::from_toml(text).map_err(|error| format!("network: {error}")),
+        }
+    }
+
+    /// Samples of one epoch.
+    pub fn num_samples(&self) -> u64 {
+        self.train.iter().map(|entry| entry.num_samples).sum()
+    }
+}

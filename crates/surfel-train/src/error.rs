@@ -1,0 +1,74 @@
+//! Why training stops, as sentences.
+
+use std::path::PathBuf;
+
+/// What can go wrong in training.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A file that cannot be read or written.
+    #[error("{path} cannot be {verb}: {source}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// "read" or "written".
+        verb: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file whose content is not what it should be.
+    #[error("{path} is damaged ({reason}); delete it and it is made again")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A configuration that is not TOML, or has unknown or missing keys.
+    #[error("the training configuration {path} cannot be used: {reason}")]
+    Config {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A checkpoint of another run.
+    #[error("{path} is a checkpoint of another run ({reason}); give another output folder or the configuration it was made with")]
+    OtherRun {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs.
+        reason: String,
+    },
+    /// A sample without surface.
+    #[error("a training scene shows no surface; its views all look past everything")]
+    EmptyScene,
+    /// A loss that is not a number.
+    #[error("the loss of step {step} is {loss}; lower the learning rate and resume from an earlier checkpoint")]
+    Diverged {
+        /// The step.
+        step: u64,
+        /// Its loss.
+        loss: f64,
+    },
+    /// The assets of rendered scenes.
+    #[error(transparent)]
+    Assets(#[from] surfel_synth::AssetError),
+    /// Weights of the trunk or of a checkpoint.
+    #[error(transparent)]
+    Weights(#[from] surfel_features::WeightsError),
+    /// A scene the network refuses.
+    #[error(transparent)]
+    Input(#[from] surfel_net::InputError),
+}
+
+impl TrainError {
+    /// For `map_err` after reading a file.
+    pub(crate) fn unreadable(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        |source| Self::File { path: path.to_path_buf(), verb: "read", source }
+    }
+
+    /// For `map_err` after writing a file.
+    pub(crate) fn unwritable(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        |source| Self::File { path: path.to_path_buf(), verb: "written", source }
+    }
+}

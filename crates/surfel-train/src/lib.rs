@@ -1,0 +1,27 @@
+//! Training of the surfel network: rendered samples, losses, optimiser, checkpoints.
+//!
+//! Sits beside the road: `surfel-synth` renders posed scenes with exact truth, `surfel-stereo` matches them as
+//! the road would, and the network learns to do better. Invariant: a run is its configuration and its seed; one
+//! that was stopped and resumed is the same run.
+
+// burn's nested tensor types exceed the compiler's default depth.
+#![recursion_limit = "256"]
+
+pub mod adam;
+pub mod augment;
+pub mod cache;
+pub mod config;
+pub mod error;
+pub mod loss;
+pub mod parameters;
+pub mod sample;
+pub mod schedule;
+pub mod source;
+pub mod state;
+pub mod trainer;
+pub mod validate;
+
+pub use config::TrainConfig;
+pub use error::TrainError;
+pub use sample::Sample;
+pub use trainer::{Trainer, Watcher};

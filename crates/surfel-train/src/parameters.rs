@@ -1,0 +1,84 @@
+//! The trained weights of a network as named lists of numbers, in and out.
+//!
+//! Names are those of the Rust modules, as in checkpoints. Invariant: [`assign`] of what [`read`] returned
+//! changes nothing.
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Gradients, Tensor, TensorData};
+use std::collections::BTreeMap;
+use surfel_net::SurfelNet;
+
+/// Values by name.
+pub type Named = BTreeMap<String, Vec<f32>>;
+
+fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().expect("a network is trained in f32")
+}
+
+/// All weights.
+pub fn read(net: &SurfelNet) -> Named {
+    let mut reader = Reader { path: Vec::new(), gradients: None, named: Named::new() };
+    net.visit(&mut reader);
+    reader.named
+}
+
+/// The gradients of all weights that have one.
+pub fn gradients(net: &SurfelNet, gradients: &Gradients) -> Named {
+    let mut reader = Reader { path: Vec::new(), gradients: Some(gradients), named: Named::new() };
+    net.visit(&mut reader);
+    reader.named
+}
+
+/// The network with the given weights; those not named stay.
+pub fn assign(net: SurfelNet, named: &Named) -> SurfelNet {
+    net.map(&mut Writer { path: Vec::new(), named })
+}
+
+struct Reader<'a> {
+    path: Vec<String>,
+    gradients: Option<&'a Gradients>,
+    named: Named,
+}
+
+impl ModuleVisitor for Reader<'_> {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let read = match self.gradients {
+            None => Some(values(param.val())),
+            Some(gradients) => param.val().grad(gradients).map(values),
+        };
+        if let Some(read) = read {
+            self.named.insert(self.path.join("."), read);
+        }
+    }
+}
+
+struct Writer<'a> {
+    path: Vec<String>,
+    named: &'a Named,
+}
+
+impl ModuleMapper for Writer<'_> {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let Some(new) = self.named.get(&self.path.join(".")) else { return param };
+        param.map(|old| {
+            let tensor = Tensor::from_data(TensorData::new(new.clone(), old.dims()), &old.device());
+            if old.is_require_grad() { tensor.require_grad() } else { tensor }
+        })
+    }
+}

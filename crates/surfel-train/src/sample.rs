@@ -1,0 +1,97 @@
+//! One training sample: posed photographs, what matching says of them, and the truth.
+//!
+//! Made by [`Sample::of`] from rendered views, exactly as the road prepares a scene. Invariant: every map has the
+//! size of its photograph, and the truth of a pixel without surface is depth 0.
+
+use crate::error::TrainError;
+use surfel_core::{Camera, Grid, View};
+use surfel_net::{DepthRange, SceneInput, Seed};
+use surfel_stereo::MatchConfig;
+use surfel_stereo::photographs::match_photographs;
+use surfel_synth::{Random, RenderedView};
+
+/// A scene to learn from.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// sRGB in \[0, 1\].
+    pub images: Vec<Grid<[f32; 3]>>,
+    /// Their cameras.
+    pub cameras: Vec<Camera>,
+    /// Depths searched, scene units.
+    pub ranges: Vec<DepthRange>,
+    /// What matching found.
+    pub seeds: Vec<Seed>,
+    /// True z-depth, scene units; 0 where there is no surface.
+    pub depth: Vec<Grid<f32>>,
+    /// True unit normals, camera frame, facing the camera; zero where there is no surface.
+    pub normal: Vec<Grid<[f32; 3]>>,
+    /// True on the objects, false on surroundings and backdrop.
+    pub object: Vec<Grid<bool>>,
+}
+
+/// How much wider than the truth a searched range is, at most: on the near side and on the far side.
+const WIDENING: [f64; 2] = [0.4, 0.8];
+/// Shares of the true depths a range must hold; what lies beyond is left to the network's judgement.
+const HELD: [f64; 2] = [0.01, 0.99];
+
+impl Sample {
+    /// Matches rendered views; `random` widens the range that is searched, since nobody knows it exactly.
+    ///
+    /// # Errors
+    /// When the views show no surface or the pretrained features cannot be read.
+    pub fn of(rendered: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
+        // Photographs have 8 bits, and a sample read back from disk must be the one that was matched.
+        let in_8_bits = |rgb: &[f32; 3]| rgb.map(|c| (255.0 * c).round().clamp(0.0, 255.0) / 255.0);
+        let view = |rendered: &RenderedView| View {
+            image: rendered.view.image.map(in_8_bits),
+            ..rendered.view.clone()
+        };
+        let views: Vec<View> = rendered.iter().map(view).collect();
+        let range = searched_range(rendered, random).ok_or(TrainError::EmptyScene)?;
+        let ranges = vec![range; views.len()];
+        let neighbours: Vec<Vec<usize>> =
+            (0..views.len()).map(|v| (0..views.len()).filter(|&other| other != v).collect()).collect();
+        let limits: Vec<(f64, f64)> = ranges.iter().map(|range| (range.near, range.far)).collect();
+        let estimates = match_photographs(&views, &neighbours, &limits, &MatchConfig::default())?;
+        Ok(Self {
+            seeds: estimates.iter().map(Seed::from).collect(),
+            cameras: views.iter().map(|view| view.camera).collect(),
+            images: views.into_iter().map(|view| view.image).collect(),
+            ranges,
+            depth: rendered.iter().map(|rendered| rendered.depth.clone()).collect(),
+            normal: rendered.iter().map(|rendered| rendered.normal.clone()).collect(),
+            object: rendered.iter().map(RenderedView::object_mask).collect(),
+        })
+    }
+
+    /// Number of views.
+    pub fn num_views(&self) -> usize {
+        self.images.len()
+    }
+
+    /// Columns and rows of every map.
+    pub fn size(&self) -> (usize, usize) {
+        (self.images[0].width(), self.images[0].height())
+    }
+
+    /// What the network is given of it.
+    pub fn input(&self) -> SceneInput<'_> {
+        SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds: &self.seeds }
+    }
+}
+
+/// A range that holds nearly all true depths of all views, widened by chance.
+fn searched_range(rendered: &[RenderedView], random: &mut Random) -> Option<DepthRange> {
+    let mut depths: Vec<f32> =
+        rendered.iter().flat_map(|view| view.depth.as_slice()).copied().filter(|z| *z > 0.0).collect();
+    if depths.is_empty() {
+        return None;
+    }
+    depths.sort_by(f32::total_cmp);
+    let [near, far] = HELD.map(|share| f64::from(depths[((depths.len() - 1) as f64 * share) as usize]));
+    let range = DepthRange {
+        near: near / (1.02 + random.range(0.0, WIDENING[0])),
+        far: far * (1.02 + random.range(0.0, WIDENING[1])),
+    };
+    range.is_usable().then_some(range)
+}

@@ -1,0 +1,101 @@
+//! Where samples come from: one number, one sample.
+//!
+//! Rendered scans (`surfel-synth`, a folder of assets) or analytic scenes (nothing needed). Invariant: a sample
+//! depends on the source's settings and its number alone, so any sample can be made again, in any order.
+
+use crate::error::TrainError;
+use crate::sample::Sample;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use surfel_synth::{AssetLibrary, Random, SceneKind, SceneOptions, SceneSampler, Split, SynthConfig};
+
+/// Settings of a source.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceConfig {
+    /// Folder of scans, textures and light maps; without it analytic scenes are drawn.
+    pub assets: Option<PathBuf>,
+    /// Names the sequence of scenes.
+    pub seed: u64,
+    /// Image columns.
+    pub width: usize,
+    /// Image rows.
+    pub height: usize,
+    /// Views per scene.
+    pub num_views: usize,
+    /// Share of rooms among rendered scenes.
+    pub room_share: f64,
+}
+
+/// A source, opened for one side of the split.
+pub enum Source {
+    /// Photographs of scanned objects.
+    Scans {
+        /// The assets.
+        library: Box<AssetLibrary>,
+        /// The settings.
+        config: SourceConfig,
+    },
+    /// Photographs of analytic shapes.
+    Analytic(SourceConfig),
+}
+
+impl Source {
+    /// Opens the assets, if any.
+    ///
+    /// # Errors
+    /// [`TrainError::Assets`] when the folder lacks something.
+    pub fn open(config: &SourceConfig, split: Split) -> Result<Self, TrainError> {
+        match &config.assets {
+            Some(folder) => {
+                let library = Box::new(AssetLibrary::open(folder, split)?);
+                Ok(Self::Scans { library, config: config.clone() })
+            }
+            None => Ok(Self::Analytic(config.clone())),
+        }
+    }
+
+    /// The sample with a number.
+    ///
+    /// # Errors
+    /// When an asset cannot be read or the scene shows nothing.
+    pub fn sample(&self, number: u64) -> Result<Sample, TrainError> {
+        let config = self.config();
+        let mut random = Random::fork(config.seed, number);
+        let seed = random.bits();
+        let rendered: Vec<_> = match self {
+            Self::Scans { library, config } => {
+                let synth = SynthConfig {
+                    width: config.width,
+                    height: config.height,
+                    num_views: config.num_views,
+                    room_share: config.room_share,
+                    ..SynthConfig::default()
+                };
+                let scene = SceneSampler::new(library, synth).scene(seed)?;
+                (0..scene.num_views()).map(|view| scene.render(view)).collect()
+            }
+            Self::Analytic(config) => {
+                let kinds = [SceneKind::StillLife, SceneKind::Boxes, SceneKind::HeightField, SceneKind::Torus];
+                let options = SceneOptions {
+                    kind: kinds[(seed % kinds.len() as u64) as usize],
+                    seed,
+                    width: config.width,
+                    height: config.height,
+                    num_views: config.num_views,
+                    pair_angle_deg: random.range(6.0, 20.0),
+                    noise: 0.01,
+                    ..SceneOptions::default()
+                };
+                options.render()
+            }
+        };
+        Sample::of(&rendered, &mut random)
+    }
+
+    fn config(&self) -> &SourceConfig {
+        match self {
+            Self::Scans { config, .. } | Self::Analytic(config) => config,
+        }
+    }
+}

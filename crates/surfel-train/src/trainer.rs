@@ -1,0 +1,338 @@
+//! The loop: samples in, weights out, everything on disk.
+//!
+//! Samples are made by a thread of their own while the network computes. Which sample a step sees follows from
+//! the seed and the step alone. Invariant: after a kill, the resumed run writes the same losses that the
+//! uninterrupted one would have.
+
+use crate::adam::{Adam, AdamState, clipping};
+use crate::augment::mirrored;
+use crate::cache::Cache;
+use crate::config::{SourceEntry, TrainConfig};
+use crate::error::TrainError;
+use crate::loss;
+use crate::parameters::{self, Named};
+use crate::sample::Sample;
+use crate::source::Source;
+use crate::state::{self, State};
+use crate::validate::{Validation, validate};
+use burn::tensor::Device;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::sync_channel;
+use std::time::Instant;
+use surfel_net::{SurfelNet, checkpoint};
+use surfel_synth::{Random, Split};
+
+/// Samples made ahead of their use.
+const AHEAD: usize = 2;
+
+/// Who is told how it goes.
+pub trait Watcher: Sync {
+    /// After the steps of a logging interval.
+    fn logged(&self, report: &StepReport);
+    /// After a validation.
+    fn validated(&self, step: u64, validation: &Validation);
+}
+
+/// Means over a logging interval.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepReport {
+    /// Steps done.
+    pub step: u64,
+    /// Steps of the run.
+    pub steps: u64,
+    /// Weighted loss.
+    pub loss: f64,
+    /// Terms by name, unweighted.
+    pub terms: Vec<(&'static str, f64)>,
+    /// Norm of the gradient before clipping.
+    pub gradient_norm: f64,
+    /// Learning rate of the last step.
+    pub rate: f64,
+    /// Seconds per step.
+    pub seconds_per_step: f64,
+}
+
+/// A run.
+pub struct Trainer {
+    config: TrainConfig,
+    folder: PathBuf,
+    device: Device,
+    net: SurfelNet,
+    state: State,
+    train: Vec<(u64, Cache)>,
+    validation: Vec<(u64, Cache)>,
+}
+
+impl Trainer {
+    /// Starts a run in `folder`, or goes on with the one that is there. `cache` is where samples are kept,
+    /// `initial` a weights file to start from.
+    ///
+    /// # Errors
+    /// When assets, folder, checkpoint or weights cannot be used.
+    pub fn new(
+        config: TrainConfig,
+        folder: &Path,
+        cache: Option<&Path>,
+        initial: Option<&Path>,
+    ) -> Result<Self, TrainError> {
+        std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
+        let device = Device::flex().autodiff();
+        device.seed(config.seed);
+        let network = config.network().map_err(|reason| TrainError::Config { path: folder.to_path_buf(), reason })?;
+        let mut net = SurfelNet::new(network, &device)?;
+        let path = folder.join(CHECKPOINT);
+        let state = if path.is_file() {
+            let state = state::load(&config, &path)?;
+            net = parameters::assign(net, &state.weights);
+            state
+        } else {
+            if let Some(path) = initial {
+                net = checkpoint::load(net, path)?;
+            }
+            State { step: 0, weights: parameters::read(&net), adam: AdamState::default(), best: None }
+        };
+        forget_after(&folder.join(METRICS), state.step)?;
+        let open = |entries: &[SourceEntry], split: Split, side: &str| {
+            let open = |entry: &SourceEntry| {
+                let cache = Cache::new(Source::open(&entry.source, split)?, &entry.source, cache, side)?;
+                Ok((entry.num_samples, cache))
+            };
+            entries.iter().map(open).collect::<Result<Vec<_>, TrainError>>()
+        };
+        let train = open(&config.train, Split::Train, "train")?;
+        let validation = open(&config.validation, Split::Val, "val")?;
+        Ok(Self { config, folder: folder.to_path_buf(), device, net, state, train, validation })
+    }
+
+    /// Steps done.
+    pub fn step(&self) -> u64 {
+        self.state.step
+    }
+
+    /// The network as it is.
+    pub fn net(&self) -> &SurfelNet {
+        &self.net
+    }
+
+    /// Makes all samples without training, so that they are in the cache; calls `made` after each.
+    ///
+    /// # Errors
+    /// When a sample cannot be made.
+    pub fn prepare(&self, made: impl Fn(u64)) -> Result<(), TrainError> {
+        let sides = self.validation.iter().chain(&self.train);
+        let numbers = sides.flat_map(|(count, cache)| (0..*count).map(move |number| (cache, number)));
+        for (done, (cache, number)) in numbers.enumerate() {
+            cache.sample(number)?;
+            made(done as u64 + 1);
+        }
+        Ok(())
+    }
+
+    /// Runs until `until` steps are done (at most those of the configuration).
+    ///
+    /// # Errors
+    /// When a sample, a file or the loss goes wrong.
+    pub fn run(&mut self, until: u64, watcher: &dyn Watcher) -> Result<(), TrainError> {
+        let until = until.min(self.config.steps);
+        let batch = self.config.batch as u64;
+        let numbers = self.state.step * batch..until * batch;
+        let (train, config) = (std::mem::take(&mut self.train), self.config.clone());
+        let (sender, receiver) = sync_channel::<Result<Sample, TrainError>>(AHEAD);
+        let result = std::thread::scope(|scope| {
+            let train = &train;
+            scope.spawn(move || {
+                for number in numbers {
+                    let sample = draw(train, &config, number);
+                    let failed = sample.is_err();
+                    if sender.send(sample).is_err() || failed {
+                        return;
+                    }
+                }
+            });
+            self.steps(until, watcher, || receiver.recv().unwrap_or(Err(TrainError::EmptyScene)))
+        });
+        self.train = train;
+        result
+    }
+
+    fn steps(
+        &mut self,
+        until: u64,
+        watcher: &dyn Watcher,
+        mut next: impl FnMut() -> Result<Sample, TrainError>,
+    ) -> Result<(), TrainError> {
+        let mut meter = Meter::new();
+        while self.state.step < until {
+            let samples = (0..self.config.batch).map(|_| next()).collect::<Result<Vec<_>, _>>()?;
+            self.learn(&samples, &mut meter)?;
+            let step = self.state.step;
+            let due = |every: u64| step.is_multiple_of(every) || step == self.config.steps;
+            if due(self.config.every.log) {
+                let report = meter.report(step, self.config.steps, self.rate(step - 1));
+                append(&self.folder.join(METRICS), &report.to_json())?;
+                watcher.logged(&report);
+                meter = Meter::new();
+            }
+            if due(self.config.every.validate) && !self.validation.is_empty() {
+                let validation = self.validate()?;
+                let line = serde_json::json!({ "step": step, "validation": validation });
+                append(&self.folder.join(METRICS), &line)?;
+                watcher.validated(step, &validation);
+                if self.state.best.is_none_or(|(share, _)| validation.network.within_1pct > share) {
+                    self.state.best = Some((validation.network.within_1pct, step));
+                    checkpoint::save(&self.net, &self.folder.join("best.safetensors"))?;
+                }
+            }
+            if due(self.config.every.checkpoint) || step == until {
+                state::save(&self.state, &self.config, &self.folder.join(CHECKPOINT))?;
+                checkpoint::save(&self.net, &self.folder.join("last.safetensors"))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn rate(&self, step: u64) -> f64 {
+        self.config.rate.at(step, self.config.steps)
+    }
+
+    /// One step of the optimiser.
+    fn learn(&mut self, samples: &[Sample], meter: &mut Meter) -> Result<(), TrainError> {
+        let mut gradients = Named::new();
+        let share = 1.0 / samples.len() as f32;
+        for sample in samples {
+            let prediction = self.net.forward(&sample.input(), &self.device)?;
+            let terms = loss::terms(&prediction, sample, &self.device);
+            let total = terms.total(&self.config.loss);
+            let value = f64::from(total.clone().into_scalar::<f32>());
+            if !value.is_finite() {
+                return Err(TrainError::Diverged { step: self.state.step, loss: value });
+            }
+            meter.add_loss(value, &terms.named());
+            let grads = parameters::gradients(&self.net, &total.backward());
+            for (name, new) in grads {
+                let sum = gradients.entry(name).or_insert_with(|| vec![0.0; new.len()]);
+                sum.iter_mut().zip(new).for_each(|(sum, new)| *sum += share * new);
+            }
+        }
+        let (norm, factor) = clipping(gradients.values(), self.config.clip);
+        let rate = self.rate(self.state.step);
+        Adam::default().step(&mut self.state.adam, &mut self.state.weights, &gradients, rate, factor);
+        let net = self.net.clone();
+        self.net = parameters::assign(net, &self.state.weights);
+        self.state.step += 1;
+        meter.add_step(norm);
+        Ok(())
+    }
+
+    /// Scores on the validation samples.
+    ///
+    /// # Errors
+    /// When one cannot be made.
+    pub fn validate(&self) -> Result<Validation, TrainError> {
+        use burn::module::Module as _;
+        let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
+        validate(&self.net.valid(), samples, &Device::flex())
+    }
+}
+
+/// The checkpoint in a run's folder.
+const CHECKPOINT: &str = "checkpoint.safetensors";
+/// One JSON document a line: means of an interval, or a validation.
+const METRICS: &str = "metrics.jsonl";
+
+/// The sample that the run sees as its `number`th: epochs in an order of their own, half of them mirrored.
+fn draw(train: &[(u64, Cache)], config: &TrainConfig, number: u64) -> Result<Sample, TrainError> {
+    let total = config.num_samples();
+    let (epoch, place) = (number / total, (number % total) as usize);
+    let mut order: Vec<u64> = (0..total).collect();
+    let mut random = Random::fork(config.seed, epoch);
+    for i in (1..order.len()).rev() {
+        order.swap(i, random.below(i + 1));
+    }
+    let mut chosen = order[place];
+    for (count, cache) in train {
+        if chosen < *count {
+            let sample = cache.sample(chosen)?;
+            let mirror = Random::fork(config.seed.wrapping_add(1), number).chance(0.5);
+            return Ok(if mirror { mirrored(&sample) } else { sample });
+        }
+        chosen -= count;
+    }
+    Err(TrainError::EmptyScene)
+}
+
+/// Means over an interval.
+struct Meter {
+    start: Instant,
+    steps: f64,
+    samples: f64,
+    loss: f64,
+    norm: f64,
+    terms: Vec<(&'static str, f64)>,
+}
+
+impl Meter {
+    fn new() -> Self {
+        Self { start: Instant::now(), steps: 0.0, samples: 0.0, loss: 0.0, norm: 0.0, terms: Vec::new() }
+    }
+
+    fn add_loss(&mut self, loss: f64, terms: &[(&'static str, f64)]) {
+        self.samples += 1.0;
+        self.loss += loss;
+        if self.terms.is_empty() {
+            self.terms = terms.to_vec();
+        } else {
+            self.terms.iter_mut().zip(terms).for_each(|(sum, term)| sum.1 += term.1);
+        }
+    }
+
+    fn add_step(&mut self, norm: f64) {
+        self.steps += 1.0;
+        self.norm += norm;
+    }
+
+    fn report(&self, step: u64, steps: u64, rate: f64) -> StepReport {
+        StepReport {
+            step,
+            steps,
+            loss: self.loss / self.samples,
+            terms: self.terms.iter().map(|(name, sum)| (*name, sum / self.samples)).collect(),
+            gradient_norm: self.norm / self.steps,
+            rate,
+            seconds_per_step: self.start.elapsed().as_secs_f64() / self.steps,
+        }
+    }
+}
+
+impl StepReport {
+    fn to_json(&self) -> serde_json::Value {
+        let terms: serde_json::Map<_, _> = self.terms.iter().map(|(name, v)| ((*name).to_owned(), (*v).into())).collect();
+        serde_json::json!({
+            "step": self.step, "loss": self.loss, "terms": terms, "gradient_norm": self.gradient_norm,
+            "rate": self.rate, "seconds_per_step": self.seconds_per_step,
+        })
+    }
+}
+
+fn append(path: &Path, line: &serde_json::Value) -> Result<(), TrainError> {
+    let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    file.and_then(|mut file| writeln!(file, "{line}")).map_err(TrainError::unwritable(path))
+}
+
+/// Drops what was logged after the checkpoint: those steps are taken again.
+fn forget_after(path: &Path, step: u64) -> Result<(), TrainError> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    let text = std::fs::read_to_string(path).map_err(TrainError::unreadable(path))?;
+    let kept: String = text
+        .lines()
+        .filter(|line| {
+            let value: Option<serde_json::Value> = serde_json::from_str(line).ok();
+            value.and_then(|value| value["step"].as_u64()).is_some_and(|at| at <= step)
+        })
+        .map(|line| format!("{line}\n"))
+        .collect();
+    std::fs::write(path, kept).map_err(TrainError::unwritable(path))
+}

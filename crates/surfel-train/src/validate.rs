@@ -1,0 +1,146 @@
+//! How good a network is on samples it never learned from, beside matching on the same samples.
+//!
+//! Invariant: the same pixels count for both, all that have a true depth; none is left out for being hard.
+
+use crate::error::TrainError;
+use crate::sample::Sample;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+use surfel_core::normals::normal_from_gradient;
+use surfel_core::Camera;
+use surfel_net::SurfelNet;
+
+/// Scores over the pixels of some samples, all or those of objects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Share of pixels within 1 % of the true depth.
+    pub within_1pct: f64,
+    /// Median relative depth error, per cent.
+    pub median_pct: f64,
+    /// Mean angle to the true normal, degrees.
+    pub normal_deg: f64,
+    /// Root mean square difference between confidence and being within 1 %, over ten equal bins of confidence.
+    pub calibration: f64,
+}
+
+/// Scores of matching and of the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Validation {
+    /// Matching, all pixels.
+    pub matching: Scores,
+    /// The network, all pixels.
+    pub network: Scores,
+    /// Matching, objects only.
+    pub matching_objects: Scores,
+    /// The network, objects only.
+    pub network_objects: Scores,
+}
+
+/// Errors of pixels, gathered over samples.
+#[derive(Default)]
+struct Tally {
+    relative: Vec<f32>,
+    angles: f64,
+    num_angles: usize,
+    bins: [(f64, f64, f64); 10],
+}
+
+impl Tally {
+    fn add(&mut self, relative: f32, confidence: f32) {
+        let right = if relative <= 0.01 { 1.0 } else { 0.0 };
+        let bin = &mut self.bins[((confidence * 10.0) as usize).min(9)];
+        *bin = (bin.0 + 1.0, bin.1 + right, bin.2 + f64::from(confidence));
+        self.relative.push(relative);
+    }
+
+    fn add_angle(&mut self, predicted: [f32; 3], truth: [f32; 3]) {
+        let dot: f32 = predicted.iter().zip(truth).map(|(a, b)| a * b).sum();
+        self.angles += f64::from(dot.clamp(-1.0, 1.0).acos().to_degrees());
+        self.num_angles += 1;
+    }
+
+    fn scores(mut self) -> Scores {
+        let count = self.relative.len().max(1);
+        let middle = self.relative.len() / 2;
+        let right = self.relative.iter().filter(|error| **error <= 0.01).count();
+        let median = match self.relative.is_empty() {
+            true => 0.0,
+            false => *self.relative.select_nth_unstable_by(middle, f32::total_cmp).1,
+        };
+        let square = |(n, right, confidence): (f64, f64, f64)| (right - confidence).powi(2) / n.max(1.0);
+        let calibration: f64 = self.bins.iter().map(|bin| square(*bin)).sum::<f64>() / count as f64;
+        Scores {
+            within_1pct: right as f64 / count as f64,
+            median_pct: 100.0 * f64::from(median),
+            normal_deg: self.angles / self.num_angles.max(1) as f64,
+            calibration: calibration.sqrt(),
+        }
+    }
+}
+
+/// Scores `net` and matching on samples.
+///
+/// # Errors
+/// When a sample cannot be made or is refused.
+pub fn validate(
+    net: &SurfelNet,
+    samples: impl Iterator<Item = Result<Sample, TrainError>>,
+    device: &Device,
+) -> Result<Validation, TrainError> {
+    let mut tallies: [Tally; 4] = Default::default();
+    for sample in samples {
+        let sample = sample?;
+        let prediction = net.forward(&sample.input(), device)?;
+        let depth = values(prediction.depth);
+        let confidence = values(prediction.confidence);
+        let rotations = prediction.surfels.to_surfels().rotations;
+        let pixels = sample.depth[0].len();
+        for v in 0..sample.num_views() {
+            let camera = &sample.cameras[v];
+            for i in 0..pixels {
+                let truth = sample.depth[v].as_slice()[i];
+                if truth <= 0.0 {
+                    continue;
+                }
+                let seed = &sample.seeds[v];
+                let plane = seed.planes.as_slice()[i];
+                let error = |z: f32| ((z - truth) / truth).abs();
+                let k = v * pixels + i;
+                let pixel = (i % camera.width, i / camera.width);
+                let matched = (error(1.0 / plane[0]), seed.confidence.as_slice()[i], plane_normal(camera, pixel, plane));
+                let learned = (error(depth[k]), confidence[k], surfel_normal(camera, pixel, rotations[k]));
+                let normal = sample.normal[v].as_slice()[i];
+                for (method, (relative, confidence, predicted)) in [matched, learned].into_iter().enumerate() {
+                    let groups = if sample.object[v].as_slice()[i] { 0..2 } else { 0..1 };
+                    for group in groups {
+                        let tally = &mut tallies[2 * group + method];
+                        tally.add(relative, confidence);
+                        if normal != [0.0; 3] {
+                            tally.add_angle(predicted, normal);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    let [matching, network, matching_objects, network_objects] = tallies.map(Tally::scores);
+    Ok(Validation { matching, network, matching_objects, network_objects })
+}
+
+fn plane_normal(camera: &Camera, (x, y): (usize, usize), [w, w_x, w_y]: [f32; 3]) -> [f32; 3] {
+    let z = 1.0 / f64::from(w);
+    normal_from_gradient(&camera.intrinsics, x as f64, y as f64, z, -f64::from(w_x) * z * z, -f64::from(w_y) * z * z)
+}
+
+/// The third axis of a surfel in the camera, turned to face it.
+fn surfel_normal(camera: &Camera, (x, y): (usize, usize), [w, i, j, k]: [f32; 4]) -> [f32; 3] {
+    let axis = glam::DQuat::from_xyzw(i.into(), j.into(), k.into(), w.into()).normalize() * glam::DVec3::Z;
+    let normal = camera.camera_from_world.rotation * axis;
+    let away = normal.dot(camera.ray(Camera::pixel_centre(x, y))) > 0.0;
+    (if away { -normal } else { normal }).as_vec3().to_array()
+}
+
+fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().expect("a network runs in f32")
+}
+
