@@ -32,6 +32,8 @@ pub enum Command {
     Reconstruct(ReconstructArgs),
     /// Say what a scene holds and whether its cameras fit its photographs.
     Inspect(InspectArgs),
+    /// Train a network, or go on training it.
+    Train(TrainArgs),
     /// Score results against references.
     Eval {
         #[command(subcommand)]
@@ -50,6 +52,8 @@ pub enum EvalCommand {
 pub enum DepthMethod {
     /// Plane sweep and refinement; needs no training.
     Matching,
+    /// Matching, refined by the trained network, and the network's surfels.
+    Network,
 }
 
 #[derive(Debug, Args)]
@@ -86,6 +90,10 @@ pub struct ReconstructArgs {
     #[arg(long, value_enum, default_value_t = DepthMethod::Matching)]
     pub depth: DepthMethod,
 
+    /// Weights of the network (default: those that ship with the program).
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+
     /// Nearest depth to search, in the unit of the cameras (default: from the data).
     #[arg(long, value_name = "Z", value_parser = positive_length)]
     pub near: Option<f64>,
@@ -113,6 +121,38 @@ pub struct ReconstructArgs {
     /// Go on although the photographs contradict the cameras.
     #[arg(long)]
     pub trust_cameras: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  surfelsplat train crates/surfel-train/configs/small.toml -o runs/small --cache runs/samples
+
+Writes into OUT: checkpoint.safetensors (to go on from), last.safetensors and best.safetensors (weights),
+metrics.jsonl. The same command after an interruption goes on where the last checkpoint was written.")]
+pub struct TrainArgs {
+    /// Configuration of the run.
+    pub config: PathBuf,
+
+    /// Folder of the run.
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+
+    /// Folder that keeps rendered and matched samples for later epochs and runs (about 3 MB each at 208x160).
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+
+    /// Weights to start from (default: fresh ones).
+    #[arg(long, value_name = "FILE")]
+    pub initial: Option<PathBuf>,
+
+    /// Stop after this many steps (default: those of the configuration).
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+
+    /// Only make the samples, do not train.
+    #[arg(long, requires = "cache")]
+    pub prepare: bool,
 }
 
 #[derive(Debug, Args)]

@@ -7,6 +7,7 @@ mod console;
 mod eval_depth;
 mod inspect;
 mod reconstruct;
+mod train;
 
 use args::{Cli, Command, EvalCommand};
 use clap::Parser;
@@ -24,6 +25,7 @@ pub fn run() -> ExitCode {
     let result = match cli.command {
         Command::Reconstruct(ref args) => reconstruct::run(args, cli.json, cli.quiet),
         Command::Inspect(ref args) => inspect::run(args, cli.json, cli.quiet),
+        Command::Train(ref args) => train::run(args, cli.json, cli.quiet),
         Command::Eval { command: EvalCommand::Depth(ref args) } => eval_depth::run(args, cli.json),
     };
     match result {

@@ -1,13 +1,21 @@
 //! `surfelsplat reconstruct`.
 
-use super::args::ReconstructArgs;
+use super::args::{DepthMethod, ReconstructArgs};
 use super::console::Console;
 use super::print_line;
-use anyhow::Result;
+use anyhow::{Result, bail};
+use burn::tensor::Device;
+use std::path::Path;
 use std::process::ExitCode;
-use surfelsplat::reconstruct::{Options, Report, reconstruct};
+use std::sync::Arc;
+use surfel_net::{NetConfig, Preset, SurfelNet, checkpoint};
+use surfelsplat::reconstruct::{DepthSource, Options, Report, reconstruct};
 
 pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> {
+    let depth = match args.depth {
+        DepthMethod::Matching => DepthSource::Matching,
+        DepthMethod::Network => DepthSource::Network(Arc::new(network(args.weights.as_deref())?)),
+    };
     let options = Options {
         views: args.views.clone(),
         num_views: Some(args.num_views),
@@ -19,6 +27,7 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
         voxel: args.voxel,
         keep_components: args.keep_components,
         trust_cameras: args.trust_cameras,
+        depth,
         ..Options::default()
     };
     let console = Console::new(quiet);
@@ -31,6 +40,16 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
         print_line(&summary(&report, &args.output.display().to_string()));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The network with the given weights.
+fn network(weights: Option<&Path>) -> Result<SurfelNet> {
+    let device = Device::flex();
+    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device)?;
+    match weights {
+        Some(path) => Ok(checkpoint::load(net, path)?),
+        None => bail!("no trained weights ship with this program yet; name a file with --weights"),
+    }
 }
 
 fn summary(report: &Report, out: &str) -> String {

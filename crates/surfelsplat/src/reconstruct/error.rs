@@ -35,6 +35,9 @@ pub enum ReconstructError {
     /// The pretrained features.
     #[error(transparent)]
     Weights(#[from] surfel_features::WeightsError),
+    /// The network.
+    #[error(transparent)]
+    Network(#[from] surfel_net::InputError),
     /// Rendering.
     #[error(transparent)]
     Raster(#[from] surfel_raster::RasterError),

@@ -10,6 +10,7 @@ mod error;
 pub mod input;
 pub mod maps;
 pub mod matched_range;
+pub mod network;
 pub mod options;
 pub mod outputs;
 pub mod progress;
@@ -19,13 +20,14 @@ pub mod working_frame;
 pub mod working_size;
 
 pub use error::ReconstructError;
-pub use options::Options;
+pub use options::{DepthSource, Options};
 pub use progress::{Progress, Silent, Stage};
 pub use report::Report;
 
 use input::Input;
 use maps::{ViewMaps, render_views};
 use matched_range::MatchedRange;
+use network::Learned;
 use outputs::{Outputs, write_report};
 use progress::Log;
 use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mib};
@@ -34,6 +36,7 @@ use surfel_core::{Grid, Similarity, Surfels, TriMesh, View};
 use surfel_io::write::{PlacedMesh, StagedDir};
 use surfel_mesh::{DepthView, MeshConfig, MeshReport, TsdfConfig, mesh_from_views};
 use surfel_stereo::DepthEstimate;
+use surfel_stereo::photographs::{features_of, match_views};
 
 /// Alpha from which a rendered pixel counts as surface.
 const SOLID: f32 = 0.5;
@@ -57,11 +60,10 @@ pub fn reconstruct(
     let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
     let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
     let road = Road::new(&input, &range)?;
-    let features = log.stage(Stage::Features, || surfel_stereo::photographs::features_of(&road.views))?;
-    let estimates = log.stage(Stage::Depth, || {
-        surfel_stereo::photographs::match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
-    });
-    let surfels = log.stage(Stage::Surfels, || surfels::surfels_from_depth(&road.views, &estimates, &options.surfels));
+    let features = log.stage(Stage::Features, || features_of(&road.views))?;
+    let matched =
+        log.stage(Stage::Depth, || match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching));
+    let (estimates, surfels) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
     let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
     let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
     if mesh.triangles.is_empty() {
@@ -118,6 +120,24 @@ impl Road {
         let scale = working_from_scene.scale;
         let ranges = range.ranges.iter().map(|r| (r.near * scale, r.far * scale)).collect();
         Ok(Self { views, ranges, working_from_scene, scene_from_working: working_from_scene.inverse() })
+    }
+
+    /// One surfel per pixel: placed on matching's depth, or predicted by the network.
+    fn surfels(
+        &self,
+        matched: Vec<DepthEstimate>,
+        options: &Options,
+    ) -> Result<(Vec<DepthEstimate>, Surfels), ReconstructError> {
+        match &options.depth {
+            DepthSource::Network(net) => {
+                let Learned { estimates, surfels } = network::refine(net, &self.views, &matched, &self.ranges)?;
+                Ok((estimates, surfels))
+            }
+            DepthSource::Matching => {
+                let surfels = surfels::surfels_from_depth(&self.views, &matched, &options.surfels);
+                Ok((matched, surfels))
+            }
+        }
     }
 
     fn mesh(&self, maps: &[ViewMaps], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
@@ -193,7 +213,7 @@ impl Account<'_> {
             version: env!("CARGO_PKG_VERSION"),
             scene: self.input.scene.root.clone(),
             format: self.input.scene.format.to_string(),
-            depth_method: "matching",
+            depth_method: options.depth.name(),
             views_chosen: self.input.reason.clone(),
             views: (0..self.road.views.len()).map(|v| self.view(v)).collect(),
             camera_checks: self.range.checks.clone(),

@@ -2,6 +2,8 @@
 
 use crate::reconstruct::surfels::SurfelConfig;
 use surfel_io::scene::{FormatKind, Scene};
+use std::sync::Arc;
+use surfel_net::SurfelNet;
 use surfel_pair::PoseMistake;
 use surfel_stereo::MatchConfig;
 
@@ -28,10 +30,32 @@ pub struct Options {
     pub keep_components: Option<usize>,
     /// Go on although the cameras contradict the photographs.
     pub trust_cameras: bool,
+    /// How depth is found.
+    pub depth: DepthSource,
     /// Matching.
     pub matching: MatchConfig,
     /// Surfels.
     pub surfels: SurfelConfig,
+}
+
+/// How depth is found.
+#[derive(Clone, Debug, Default)]
+pub enum DepthSource {
+    /// Plane sweep and slanted refinement.
+    #[default]
+    Matching,
+    /// Matching, refined by this network, whose surfels are used.
+    Network(Arc<SurfelNet>),
+}
+
+impl DepthSource {
+    /// The name used on the command line and in reports.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Matching => "matching",
+            Self::Network(_) => "network",
+        }
+    }
 }
 
 /// Camera axes that poses are written in although their format promises others.

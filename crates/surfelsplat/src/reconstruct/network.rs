@@ -1,0 +1,78 @@
+//! The learned half of the depth step: what matching found, refined by the network, and its surfels.
+//!
+//! Between matching and rendering (`--depth network`). Invariant: estimates and views correspond one to one, and a
+//! pixel outside the photograph's mask has neither depth nor surfel.
+
+use super::error::ReconstructError;
+use burn::tensor::{Device, Tensor};
+use glam::{DQuat, DVec3};
+use surfel_core::{Camera, Grid, Surfels, View};
+use surfel_net::{DepthRange, SceneInput, Seed, SurfelNet};
+use surfel_stereo::DepthEstimate;
+
+/// Depth, normals and confidence by the network, and the surfels it predicts; working frame.
+pub struct Learned {
+    /// Per view; planes and candidates remain those of matching.
+    pub estimates: Vec<DepthEstimate>,
+    /// View-major, one per pixel that has depth.
+    pub surfels: Surfels,
+}
+
+/// Runs the network on views and what matching says of them; `ranges` are near and far per view.
+///
+/// # Errors
+/// [`ReconstructError::Network`] when the network cannot work with the views.
+pub fn refine(
+    net: &SurfelNet,
+    views: &[View],
+    estimates: &[DepthEstimate],
+    ranges: &[(f64, f64)],
+) -> Result<Learned, ReconstructError> {
+    let device = Device::flex();
+    let images: Vec<Grid<[f32; 3]>> = views.iter().map(|view| view.image.clone()).collect();
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
+    let ranges: Vec<DepthRange> = ranges.iter().map(|&(near, far)| DepthRange { near, far }).collect();
+    let seeds: Vec<Seed> =
+        if net.config().seeded.is_some() { estimates.iter().map(Seed::from).collect() } else { Vec::new() };
+    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
+    let prediction = net.forward(&scene, &device)?;
+    let (depth, confidence) = (values(prediction.depth), values(prediction.confidence));
+    let surfels = prediction.surfels.to_surfels();
+    let pixels = views[0].image.len();
+    let mut kept = Surfels { sh_degree: surfels.sh_degree, ..Surfels::default() };
+    let mut learned = Vec::with_capacity(views.len());
+    let num_sh = surfels.sh.len() / surfels.len().max(1);
+    for (v, (view, estimate)) in views.iter().zip(estimates).enumerate() {
+        let (width, height) = (view.image.width(), view.image.height());
+        let at = |x: usize, y: usize| v * pixels + y * width + x;
+        let seen = |x: usize, y: usize| view.valid[(x, y)];
+        for k in (0..pixels).filter(|i| seen(i % width, i / width)).map(|i| v * pixels + i) {
+            kept.centres.push(surfels.centres[k]);
+            kept.scales.push(surfels.scales[k]);
+            kept.rotations.push(surfels.rotations[k]);
+            kept.opacities.push(surfels.opacities[k]);
+            kept.sh.extend_from_slice(&surfels.sh[k * num_sh..][..num_sh]);
+        }
+        learned.push(DepthEstimate {
+            depth: Grid::from_fn(width, height, |x, y| if seen(x, y) { depth[at(x, y)] } else { 0.0 }),
+            normal: Grid::from_fn(width, height, |x, y| {
+                if seen(x, y) { facing_normal(&view.camera, (x, y), surfels.rotations[at(x, y)]) } else { [0.0; 3] }
+            }),
+            confidence: Grid::from_fn(width, height, |x, y| if seen(x, y) { confidence[at(x, y)] } else { 0.0 }),
+            ..estimate.clone()
+        });
+    }
+    Ok(Learned { estimates: learned, surfels: kept })
+}
+
+/// The third axis of a surfel in its camera, turned to face it.
+fn facing_normal(camera: &Camera, (x, y): (usize, usize), [w, i, j, k]: [f32; 4]) -> [f32; 3] {
+    let axis = DQuat::from_xyzw(i.into(), j.into(), k.into(), w.into()).normalize() * DVec3::Z;
+    let normal = camera.camera_from_world.rotation * axis;
+    let away = normal.dot(camera.ray(Camera::pixel_centre(x, y))) > 0.0;
+    (if away { -normal } else { normal }).as_vec3().to_array()
+}
+
+fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().expect("a network runs in f32")
+}
