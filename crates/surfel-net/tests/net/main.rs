@@ -4,4 +4,6 @@ mod config;
 mod gather_attention;
 mod model;
 mod plane_sweep;
+mod propagate;
 mod region;
+mod seeded;
