@@ -1,0 +1,84 @@
+//! A short training on analytic scenes must teach something, and an interrupted one must be the same one.
+
+use std::path::Path;
+use std::sync::Mutex;
+use surfel_train::trainer::StepReport;
+use surfel_train::validate::Validation;
+use surfel_train::{TrainConfig, Trainer, Watcher};
+
+/// The shipped graph, narrow, with a rate of learning.
+fn config(rate: f64, steps: u64) -> TrainConfig {
+    let network = include_str!("../../surfel-net/presets/small.toml")
+        .replace("kind = \"pretrained\"\nchannels = 32", "kind = \"cnn\"\nchannels = 16\nwidths = [8, 8]")
+        .replace("upsampled_channels = 16", "upsampled_channels = 8")
+        .replace("channels = 24, multipliers = [1, 2, 2, 4]", "channels = 8, multipliers = [1, 2]")
+        .replace("num_candidates = 9, step = 0.5, channels = 16", "num_candidates = 5, step = 0.5, channels = 8")
+        .replace("channels = 32\nnum_heads = 2", "channels = 16\nnum_heads = 2");
+    let source = "width = 64\nheight = 48\nnum_views = 2\nroom_share = 0.0\n";
+    let text = format!(
+        "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\n\
+         [rate]\nrate = {rate:e}\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\
+         [loss]\ndepth = 1.0\nnormal = 1.0\ninitial_normal = 0.5\nopacity = 0.2\n\
+         [[train]]\nnum_samples = 12\nseed = 1\n{source}\
+         [[validation]]\nnum_samples = 4\nseed = 2\n{source}\
+         [every]\nlog = 2\nvalidate = 1000\ncheckpoint = 4\n"
+    );
+    TrainConfig::from_toml(&text).unwrap()
+}
+
+#[derive(Default)]
+struct Losses(Mutex<Vec<(u64, f64)>>);
+
+impl Watcher for Losses {
+    fn logged(&self, report: &StepReport) {
+        self.0.lock().unwrap().push((report.step, report.loss));
+    }
+
+    fn validated(&self, _: u64, _: &Validation) {}
+}
+
+/// Runs to the end; returns scores before and after.
+fn train(config: TrainConfig, folder: &Path, cache: &Path) -> (Validation, Validation) {
+    let steps = config.steps;
+    let mut trainer = Trainer::new(config, folder, Some(cache), None).unwrap();
+    let before = trainer.validate().unwrap();
+    trainer.run(steps, &Losses::default()).unwrap();
+    (before, trainer.validate().unwrap())
+}
+
+/// What a run must bring, on scenes it has not seen: clearly better normals, and depth no worse.
+fn has_learned(before: &Validation, after: &Validation) -> bool {
+    after.network.normal_deg < 0.85 * before.network.normal_deg
+        && after.network.within_1pct > before.network.within_1pct - 0.01
+}
+
+#[test]
+fn a_short_run_learns_and_one_that_cannot_learn_is_found_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("samples");
+    let (before, after) = train(config(3e-3, 60), &folder.path().join("learns"), &cache);
+    assert!(has_learned(&before, &after), "before {before:#?}\nafter {after:#?}");
+    let (before, after) = train(config(1e-12, 4), &folder.path().join("cannot"), &cache);
+    assert!(!has_learned(&before, &after));
+}
+
+#[test]
+fn a_resumed_run_is_the_same_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("samples");
+    let losses = |folder: &Path, stops: &[u64]| {
+        let losses = Losses::default();
+        for stop in stops {
+            let mut trainer = Trainer::new(config(1e-3, 12), folder, Some(&cache), None).unwrap();
+            trainer.run(*stop, &losses).unwrap();
+        }
+        (losses.0.into_inner().unwrap(), std::fs::read_to_string(folder.join("metrics.jsonl")).unwrap())
+    };
+    let (whole, _) = losses(&folder.path().join("whole"), &[12]);
+    let (parts, metrics) = losses(&folder.path().join("parts"), &[4, 8, 12]);
+    assert_eq!(whole, parts);
+    // Six intervals and the validation at the end.
+    assert_eq!(metrics.lines().count(), 7);
+    let other = Trainer::new(config(2e-3, 12), &folder.path().join("parts"), Some(&cache), None);
+    assert!(other.err().unwrap().to_string().contains("checkpoint of another run"));
+}
