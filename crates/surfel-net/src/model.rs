@@ -77,7 +77,7 @@ impl SurfelNet {
             coarse: config.cost_volume.as_ref().map(|config| CoarseDepth::new(channels, config, device)),
             refinement: config.seeded.is_none().then(|| Refinement::new(&config, device)),
             seeded: config.seeded.as_ref().map(|seeded| SeededRefinement::new(&config, seeded, device)),
-            head: AttributeHead::new(feature_channels, &config.head, device),
+            head: AttributeHead::new(feature_channels, &config.head, config.seeded.is_some(), device),
             aggregation: config
                 .aggregation
                 .enabled

@@ -20,7 +20,7 @@ use burn::tensor::{Device, Tensor};
 use std::sync::Arc;
 
 /// Score by which a pixel's own plane leads at the start.
-const OWN_LEAD: f64 = 6.0;
+const OWN_LEAD: f64 = 9.0;
 /// Corrections of a plane and a density per pixel.
 const PER_PIXEL: usize = 4;
 

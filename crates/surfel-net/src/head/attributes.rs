@@ -1,7 +1,8 @@
 //! The attribute head (spec 2.7.1): two convolutions from features to raw scales, rotation and colour.
 //!
 //! Output channels: 2 scales, 4 of the quaternion w x y z, then SH coefficients of red, green and blue.
-//! Invariant: a fresh head predicts discs facing their camera, a neutral start for every pixel.
+//! Invariant: a fresh head predicts discs about facing their camera, a neutral start for every pixel; in a seeded
+//! network exactly those, so that fresh surfels lie in matching's surface.
 
 use crate::config::HeadConfig;
 use crate::layers::conv3x3;
@@ -13,6 +14,8 @@ use surfel_core::sh;
 
 /// Channels before the SH coefficients.
 pub(super) const NUM_SHAPE: usize = 6;
+/// Footprint of a neutral surfel, pixels (spec 1.7): neighbours overlap without blurring each other.
+const FRESH_PX: f64 = 0.6;
 /// Channel of the quaternion's real part.
 const REAL_PART: usize = 2;
 
@@ -24,11 +27,17 @@ pub(crate) struct AttributeHead {
 }
 
 impl AttributeHead {
-    pub(crate) fn new(feature_channels: usize, config: &HeadConfig, device: &Device) -> Self {
+    pub(crate) fn new(feature_channels: usize, config: &HeadConfig, neutral: bool, device: &Device) -> Self {
         let outputs = NUM_SHAPE + 3 * sh::num_coefficients(config.sh_degree);
         let mut second = conv3x3(2 * outputs, outputs, device);
         let mut bias = vec![0.0f32; outputs];
         bias[REAL_PART] = 1.0;
+        if neutral {
+            second.weight = Param::from_tensor(second.weight.val().zeros_like());
+            let share = (FRESH_PX / 0.2 - config.scale_min) / (config.scale_max - config.scale_min);
+            let share = share.clamp(0.01, 0.99);
+            bias[..2].fill((share / (1.0 - share)).ln() as f32);
+        }
         second.bias = Some(Param::from_tensor(Tensor::from_floats(bias.as_slice(), device)));
         Self { first: conv3x3(feature_channels, 2 * outputs, device), second }
     }
