@@ -28,7 +28,7 @@ pub struct LossWeights {
 pub struct Terms {
     /// Mean robust error in steps.
     pub depth: Tensor<1>,
-    /// Mean squared difference of unit normals.
+    /// Mean chord between unit normals.
     pub normal: Tensor<1>,
     /// The same of the initial surfels.
     pub initial_normal: Tensor<1>,
@@ -80,7 +80,9 @@ pub fn terms(prediction: &Prediction, sample: &Sample, device: &Device) -> Terms
     // Where there is no surface the opacity should be low as well: those pixels count a little.
     let normal = |surfels: &SurfelTensors| {
         let difference = facing(surfels, sample, device) - normals.clone();
-        mean(difference.powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1), normal_mask.clone())
+        // The chord itself, not its square as in the paper: squares pull towards the mean of the doubtful.
+        let chord = (difference.powi_scalar(2).sum_dim(1) + 1e-4).sqrt();
+        mean(chord.squeeze_dim::<1>(1), normal_mask.clone())
     };
     Terms {
         depth: mean(robust.flatten(0, 2), mask.flatten(0, 2)),

@@ -16,13 +16,16 @@ use burn::module::{Module, Param};
 use burn::nn::GroupNorm;
 use burn::nn::conv::Conv2d;
 use burn::tensor::activation::{gelu, sigmoid};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
+use surfel_core::Camera;
 
 /// Score by which a pixel's own plane leads at the start.
 const OWN_LEAD: f64 = 9.0;
 /// Corrections of a plane and a density per pixel.
 const PER_PIXEL: usize = 4;
+/// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
+const CORRECTION: f64 = 0.1;
 
 /// The refinement.
 #[derive(Module, Debug)]
@@ -79,18 +82,28 @@ impl SeededRefinement {
         let count = seeds.proposals.offsets.len();
         let scores = output.clone().narrow(1, 0, count) + own_lead(count, &output.device());
         let per_pixel = depth_to_space(output.narrow(1, count, PER_PIXEL * stride * stride), stride);
-        let planes = propagate_planes(scores, seeds.proposals.clone()) + per_pixel.clone().narrow(1, 0, 3);
-        let density = sigmoid(per_pixel.narrow(1, 3, 1) + seeds.confidence_score.clone());
+        let planes = propagate_planes(scores, seeds.proposals.clone());
+        let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
+        let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.
         let far = per_view(scene.ranges, |range| range.far_disparity(), &device);
         let span = per_view(scene.ranges, |range| range.disparity_span(), &device);
-        let moved = planes.clone().narrow(1, 0, 1) * seeds.steps.clone() + seeds.inverse_depth.clone();
+        let moved = offset * seeds.steps.clone() + seeds.inverse_depth.clone();
         let disparity = ((moved - far) / span).clamp(0.0, 1.0);
-        let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone();
+        // A tilt is a change of inverse depth per pixel over inverse depth, times the focal length.
+        let tilt = per_pixel.narrow(1, 1, 2) * inverse_focal(scene.cameras, &device) * CORRECTION;
+        let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone() + tilt * seeds.inverse_depth.clone();
         let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
         Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes) }
     }
+}
+
+/// `1 / fx, 1 / fy` per view, `[views, 2, 1, 1]`, 1 / pixel.
+fn inverse_focal(cameras: &[Camera], device: &Device) -> Tensor<4> {
+    let focal = cameras.iter().flat_map(|camera| [camera.intrinsics.fx, camera.intrinsics.fy]);
+    let inverse: Vec<f32> = focal.map(|focal| (1.0 / focal) as f32).collect();
+    Tensor::from_data(TensorData::new(inverse, [cameras.len(), 2, 1, 1]), device)
 }
 
 /// The head start of each pixel's own plane, the first proposal.
