@@ -23,6 +23,7 @@ sys.path.insert(0, str(NET / "tests/twin"))
 
 from cameras import side_by_side  # noqa: E402
 from network import Network  # noqa: E402
+from seeded import Seeds  # noqa: E402
 
 # EfficientNet-Lite0 up to stride 16: output channels, kernel, stride, expansion.
 BLOCKS = [(16, 3, 1, 1), (24, 3, 2, 6), (24, 3, 1, 6), (40, 5, 2, 6), (40, 5, 1, 6), (80, 3, 2, 6)]
@@ -95,6 +96,16 @@ def watch(net, spent):
         part.register_forward_hook(finished)
 
 
+def slanted_plane(height, width):
+    """As if matching had found one."""
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    w = 0.4 + 2e-4 * x + 1e-4 * y
+    planes = torch.stack([w, torch.full_like(w, 2e-4), torch.full_like(w, 1e-4)]).expand(2, -1, -1, -1)
+    ones = torch.ones(2, 1, height, width)
+    evidence = torch.cat([planes[:, :1] + 1e-3, ones], dim=1)
+    return Seeds(planes, evidence, 0.8 * ones, 0.9 * ones, torch.tensor([5e-3, 5e-3]))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="small")
@@ -114,11 +125,12 @@ def main():
     rig = side_by_side(2, width, height, seed=0)
     images = torch.rand(2, 3, height, width)
     ranges = [(1.0, 5.0)] * 2
+    seeds = slanted_plane(height, width) if "seeded" in config else None
     spent = defaultdict(float)
     watch(net, spent)
 
     def forward():
-        return net(images, rig, ranges, multiple=64)
+        return net(images, rig, ranges, multiple=64, seeds=seeds)
 
     best, parts = float("inf"), {}
     with torch.inference_mode():

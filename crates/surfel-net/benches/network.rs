@@ -13,7 +13,7 @@ use std::time::Instant;
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::cost_volume::{sweep, uniform_candidates, warps};
 use surfel_net::ops::plane_sweep;
-use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, SurfelNet};
+use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, Seed, SurfelNet};
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 256;
@@ -43,6 +43,14 @@ fn cameras() -> Vec<Camera> {
     vec![camera(0), camera(1)]
 }
 
+/// As if matching had found a slanted plane.
+fn seed() -> Seed {
+    let map = |value| Grid::filled(WIDTH, HEIGHT, value);
+    let planes = Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.4 + 2e-4 * x as f32 + 1e-4 * y as f32, 2e-4, 1e-4]);
+    let evidence = planes.map(|[w, ..]| [w + 1e-3, 1.0]);
+    Seed { planes, evidence, correlation: map(0.8), confidence: map(0.9), step: 5e-3 }
+}
+
 fn main() {
     let device = Device::flex();
     let (cameras, ranges) = (cameras(), [DepthRange { near: 1.0, far: 5.0 }; 2]);
@@ -51,7 +59,8 @@ fn main() {
             Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
         })
         .collect();
-    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &[] };
+    let seeds = [(); 2].map(|()| seed());
+    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
     let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
     println!("small network: {:?}", net.parts());
     let whole = best_ms(5, || {

@@ -33,8 +33,12 @@ class AttributeHead(nn.Module):
         return self.second(F.gelu(self.first(features)))
 
 
-def surfels_of(attributes, depth, opacity, cameras, config):
-    """Surfels of raw attributes `[views, outputs, h, w]`, z-depth and opacity `[views, 1, h, w]`."""
+def surfels_of(attributes, depth, opacity, cameras, config, base=None):
+    """Surfels of raw attributes `[views, outputs, h, w]`, z-depth and opacity `[views, 1, h, w]`.
+
+    With a base (tangent frames `[views, 4, h, w]` and colours `[views, 3, h, w]`), rotations are turns of its frames
+    and the constant coefficients corrections of its colours.
+    """
     degree, low, high = config["sh_degree"], config["scale_min"], config["scale_max"]
     views, _, height, width = attributes.shape
     dtype = attributes.dtype
@@ -55,17 +59,22 @@ def surfels_of(attributes, depth, opacity, cameras, config):
         scales = d * unit.to(dtype) * (low + (high - low) * raw[:, 0:2].sigmoid())
         q = raw[:, 2:6]
         q = q / (q.pow(2).sum(dim=1, keepdim=True) + 1e-8).sqrt()
-        rotations = product(quaternion(world_from_camera).to(dtype), q)
         sh = raw[:, NUM_SHAPE:].reshape(-1, 3, (degree + 1) ** 2)
+        if base is not None:
+            frames, colours = (x[view].reshape(x.shape[1], -1).T for x in base)
+            q = product(frames, q)
+            constant = (4 * torch.pi) ** 0.5 * (colours - 0.5)
+            sh = torch.cat([sh[:, :, :1] + constant[:, :, None], sh[:, :, 1:]], dim=2)
+        rotations = product(quaternion(world_from_camera).to(dtype), q)
         sh = sh @ sh_rotation(world_from_camera, degree).T.to(dtype)
         parts.append((centres, scales, rotations, opacity[view].reshape(-1), sh.transpose(1, 2)))
     return Surfels(*(torch.cat(part) for part in zip(*parts)))
 
 
 def product(a, b):
-    """Hamilton product, w x y z; `a` is one quaternion, `b` is `[n, 4]`."""
-    w, x, y, z = a
-    bw, bx, by, bz = b.unbind(1)
+    """Hamilton product of quaternions w x y z, one or `[n, 4]`."""
+    w, x, y, z = a.unbind(-1)
+    bw, bx, by, bz = b.unbind(-1)
     parts = [
         w * bw - x * bx - y * by - z * bz,
         w * bx + x * bw + y * bz - z * by,

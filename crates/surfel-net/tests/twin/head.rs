@@ -31,6 +31,6 @@ fn the_adapter_equals_its_twin() {
     let adapter = Adapter::new(&fixture.cameras(6, 5), &config, &device());
     fixture.assert_function_equal(|| {
         let [attributes, depth, opacity] = ["attributes", "depth", "opacity"].map(|name| fixture.input(name));
-        surfel_outputs(adapter.forward(attributes, depth, opacity))
+        surfel_outputs(adapter.forward(attributes, depth, opacity, None))
     });
 }

@@ -25,6 +25,7 @@ from matching import CoarseDepth, plane_sweep, uniform_disparities
 from network import Network
 from nyquist import adapted_scales, regions
 from refine import Refinement
+from seeded import Seeds
 from transformer import Transformer
 from unet import Unet, ViewAttention
 
@@ -313,32 +314,62 @@ def attention():
     write("aggregation", call, features, module, given={"windows": windows})
 
 
-@case
-def network():
-    rig = posed.side_by_side(3, 28, 20, seed=100)
-    y, x = np.mgrid[:20, :28]
-    waves = [[0.5 + 0.3 * np.sin(0.5 * x + 0.4 * v + c) * np.cos(0.35 * y - c) for c in range(3)] for v in range(3)]
-    images = torch.tensor(np.array(waves)) + 0.2 * random(101, 3, 3, 20, 28)
-    images = images.float().double()
+def photographs(views, width, height, seed):
+    y, x = np.mgrid[:height, :width]
+    waves = [[0.5 + 0.3 * np.sin(0.5 * x + 0.4 * v + c) * np.cos(0.35 * y - c) for c in range(3)] for v in range(views)]
+    return (torch.tensor(np.array(waves)) + 0.2 * random(seed, views, 3, height, width)).float().double()
+
+
+def whole_network(name, config, last_layer, damping, images, rig, ranges, multiple, seeds=None, given=None):
+    """Damps the last layer before depth, which otherwise saturates, and looks for weights whose regions are clear."""
     for seed in range(1000):
-        module = filled(Network(TINY), 2000 + seed)
+        module = filled(Network(config), 2000 + seed)
         with torch.no_grad():
-            last = module.refinement.to_disparity[1].weight
-            last.copy_(exact(0.1 * last))
-        with torch.no_grad():
-            margin = module(images, rig, RANGES, multiple=8).regions.margin
+            last = last_layer(module)
+            last.weight.copy_(exact(damping * last.weight))
+            margin = module(images, rig, ranges, multiple, seeds).regions.margin
         if margin > SAFE_MARGIN:
             break
 
     def call():
-        prediction = module(images, rig, RANGES, multiple=8)
+        prediction = module(images, rig, ranges, multiple, seeds)
         initial = surfel_outputs(prediction.initial, "initial_")
         outputs = surfel_outputs(prediction.surfels)
         outputs |= {name: initial[name] for name in ("initial_scales", "initial_rotations")}
         return outputs | {"depth": prediction.depth, "confidence": prediction.confidence}
 
-    write("network", call, {}, module, cameras=rig, given={"images": images.numpy().astype(np.float32)})
+    given = (given or {}) | {"images": images}
+    given = {key: value.numpy().astype(np.float32) for key, value in given.items()}
+    write(name, call, {}, module, cameras=rig, given=given)
     print(f"  seed {seed}, margin {margin:.1e}")
+
+
+@case
+def network():
+    rig = posed.side_by_side(3, 20, 12, seed=100)
+    images = photographs(3, 20, 12, seed=101)
+    last_layer = lambda module: module.refinement.to_disparity[1]
+    whole_network("network", TINY, last_layer, 0.1, images, rig, RANGES, multiple=8)
+
+
+@case
+def seeded_network():
+    """The graph that ships: no transformer and no cost volume, but seeds."""
+    config = {key: value for key, value in CONFIG.items() if key not in ("transformer", "cost_volume")}
+    config["seeded"] = {"distances": [2, 5]}
+    rig = posed.side_by_side(2, 18, 11, seed=110)
+    images = photographs(2, 18, 11, seed=111)
+    step = torch.tensor([0.01, 0.012], dtype=torch.float32).double()
+    slopes = 0.3 * random(112, 2, 2, 11, 18) * step.reshape(2, 1, 1, 1)
+    y, x = torch.meshgrid(torch.arange(11), torch.arange(18), indexing="ij")
+    surface = 0.35 + 0.004 * x - 0.003 * y + step.reshape(2, 1, 1, 1) * random(113, 2, 1, 11, 18)
+    planes = torch.cat([surface, slopes], dim=1).float().double()
+    found = planes[:, :1] + 3 * step.reshape(2, 1, 1, 1) * random(114, 2, 1, 11, 18)
+    evidence = torch.cat([found, random(115, 2, 1, 11, 18, low=0, high=3)], dim=1).float().double()
+    correlation, confidence = random(116, 2, 1, 11, 18), random(117, 2, 1, 11, 18, low=0)
+    given = {"planes": planes, "evidence": evidence, "correlation": correlation, "confidence": confidence, "step": step}
+    last_layer = lambda module: module.seeded.to_planes[1]
+    whole_network("seeded_network", config, last_layer, 0.1, images, rig, RANGES[:2], 4, Seeds(**given), given)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ fn the_plane_sweep_equals_grid_sampling() {
 #[test]
 fn the_coarse_depth_equals_its_twin() {
     let fixture = Fixture::open("coarse");
-    let coarse = CoarseDepth::new(8, &config().cost_volume, &device());
+    let coarse = CoarseDepth::new(8, &config().cost_volume.unwrap(), &device());
     fixture.assert_equal(coarse, |coarse| {
         let sources = indices(&with_itself(2));
         let (disparity, confidence) = coarse.forward(fixture.input("correlation"), fixture.input("features"), &sources);

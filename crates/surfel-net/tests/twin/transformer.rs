@@ -6,7 +6,7 @@ use crate::transformer::Transformer;
 
 fn assert_equal(name: &'static str, views: usize) {
     let fixture = Fixture::open(name);
-    let transformer = Transformer::new(8, &config().transformer, &device());
+    let transformer = Transformer::new(8, &config().transformer.unwrap(), &device());
     fixture.assert_equal(transformer, |transformer| {
         vec![out("y", transformer.forward(fixture.input("features"), indices(&others(views))))]
     });
