@@ -1,17 +1,19 @@
-//! Time of the small network on a pair, and of the plane sweep against the same sweep made of burn's own
-//! grid sampling, in one run.
+//! Time of the small network on a pair against its PyTorch twin (`bench/peers/torch_small.py`), and of the plane
+//! sweep against the same sweep made of burn's own grid sampling, in one run.
 //!
-//! `cargo bench -p surfel-net --bench network`
+//! `cargo bench -p surfel-net --bench network`; SURFELSPLAT_PYTHON names a Python with torch.
 
 use burn::tensor::ops::{GridSampleOptions, InterpolateMode};
 use burn::tensor::{Device, Distribution, Tensor, TensorData};
 use glam::{DQuat, DVec3};
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::cost_volume::{sweep, uniform_candidates, warps};
 use surfel_net::ops::plane_sweep;
-use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, SurfelNet};
+use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, Seed, SurfelNet};
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 256;
@@ -41,6 +43,14 @@ fn cameras() -> Vec<Camera> {
     vec![camera(0), camera(1)]
 }
 
+/// As if matching had found a slanted plane.
+fn seed() -> Seed {
+    let map = |value| Grid::filled(WIDTH, HEIGHT, value);
+    let planes = Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.4 + 2e-4 * x as f32 + 1e-4 * y as f32, 2e-4, 1e-4]);
+    let evidence = planes.map(|[w, ..]| [w + 1e-3, 1.0]);
+    Seed { planes, evidence, correlation: map(0.8), confidence: map(0.9), step: 5e-3 }
+}
+
 fn main() {
     let device = Device::flex();
     let (cameras, ranges) = (cameras(), [DepthRange { near: 1.0, far: 5.0 }; 2]);
@@ -49,7 +59,8 @@ fn main() {
             Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
         })
         .collect();
-    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &[] };
+    let seeds = [(); 2].map(|()| seed());
+    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
     let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
     println!("small network: {:?}", net.parts());
     let whole = best_ms(5, || {
@@ -57,6 +68,9 @@ fn main() {
         std::hint::black_box(prediction.surfels.to_surfels());
     });
     println!("small network, two views of {WIDTH} x {HEIGHT}, without gradients: {whole:.0} ms");
+    let training = training_ms(&scene);
+    println!("the same, forward and backward: {training:.0} ms");
+    print_peer(whole, training);
 
     let (width, height, channels, candidates) = (WIDTH / 4, HEIGHT / 4, 64, 64);
     let features = Tensor::<4>::random([2, channels, height, width], Distribution::Default, &device);
@@ -90,4 +104,39 @@ fn main() {
     });
     println!("plane sweep, {candidates} candidates of {channels} channels: {ours:.1} ms");
     println!("the same from burn's grid sampling: {burn:.1} ms, {:.1} times ours", burn / ours);
+}
+
+fn training_ms(scene: &SceneInput) -> f64 {
+    let device = Device::flex().autodiff();
+    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
+    best_ms(3, || {
+        let prediction = net.forward(scene, &device).expect("the scene is usable");
+        let surfels = prediction.surfels;
+        let loss = prediction.depth.sum()
+            + surfels.centres.powi_scalar(2).sum()
+            + surfels.scales.powi_scalar(2).sum()
+            + surfels.rotations.powi_scalar(2).sum()
+            + surfels.opacities.powi_scalar(2).sum()
+            + surfels.sh.powi_scalar(2).sum();
+        std::hint::black_box(loss.backward());
+    })
+}
+
+/// Runs the PyTorch peer on as many threads as this bench and prints how its times compare.
+fn print_peer(forward: f64, training: f64) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bench/peers/torch_small.py");
+    let python = std::env::var("SURFELSPLAT_PYTHON").unwrap_or_else(|_| "python3".into());
+    let threads = rayon::current_num_threads().to_string();
+    let output = Command::new(&python).arg(script).args(["--backward", "--threads", &threads]).output();
+    let text = match output {
+        Ok(output) if output.status.success() => String::from_utf8_lossy(&output.stdout).into_owned(),
+        _ => return eprintln!("SKIPPED: `{python}` cannot run the PyTorch peer; set SURFELSPLAT_PYTHON"),
+    };
+    print!("{text}");
+    let ms_of = |label: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(label));
+        line.and_then(|rest| rest.trim_end_matches(" ms").parse::<f64>().ok()).expect("the peer prints its times")
+    };
+    println!("ours over PyTorch, forward: {:.2}", forward / ms_of("forward: "));
+    println!("ours over PyTorch, forward and backward: {:.2}", training / ms_of("forward and backward: "));
 }

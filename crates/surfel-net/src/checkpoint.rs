@@ -39,15 +39,17 @@ pub fn save(net: &SurfelNet, path: &Path) -> Result<(), WeightsError> {
 /// [`WeightsError`] when the file cannot be read, is damaged, or belongs to another configuration.
 pub fn load(net: SurfelNet, path: &Path) -> Result<SurfelNet, WeightsError> {
     let bytes = read_file(path)?;
-    let mut loader = Loader {
-        file: TensorFile::parse(path.display().to_string(), &bytes)?,
-        path: ModulePath::default(),
-        error: None,
-    };
-    let net = net.map(&mut loader);
+    filled(net, TensorFile::parse(path.display().to_string(), &bytes)?, &[])
+}
+
+/// A module with all weights replaced by those a file has under the parts of `prefix`.
+pub(crate) fn filled<M: Module>(module: M, file: TensorFile, prefix: &[&str]) -> Result<M, WeightsError> {
+    let path = ModulePath(prefix.iter().map(|&part| part.to_owned()).collect());
+    let mut loader = Loader { file, path, error: None };
+    let module = module.map(&mut loader);
     match loader.error {
         Some(error) => Err(error),
-        None => Ok(net),
+        None => Ok(module),
     }
 }
 

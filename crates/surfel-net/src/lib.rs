@@ -21,6 +21,10 @@ pub mod nyquist;
 pub mod ops;
 pub mod seed;
 mod transformer;
+/// The modules against their PyTorch twins; inside the crate, because modules are private.
+#[cfg(test)]
+#[path = "../tests/twin/mod.rs"]
+mod twin;
 mod unet;
 
 pub use config::{ConfigError, NetConfig, Preset};

@@ -139,8 +139,9 @@ impl SurfelNet {
         let depth = disparity.recip();
 
         let adapter = Adapter::new(scene.cameras, &self.config.head, device);
-        let surfels_of =
-            |features: Tensor<4>| adapter.forward(self.head.forward(features), depth.clone(), opacity.clone(), base.as_ref());
+        let surfels_of = |features: Tensor<4>| {
+            adapter.forward(self.head.forward(features), depth.clone(), opacity.clone(), base.as_ref())
+        };
         let initial = surfels_of(features.clone());
         let (adaptation, surfels) = match &self.aggregation {
             Some(aggregation) => {

@@ -2,8 +2,8 @@
 //!
 //! Invariant: nothing here carries a gradient, and every input is in steps, correlations or shares.
 
-use crate::ops::propagate::Proposals;
 use crate::layers::space_to_depth;
+use crate::ops::propagate::Proposals;
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;

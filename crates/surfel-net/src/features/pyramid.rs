@@ -34,19 +34,21 @@ impl Pyramid {
     pub(crate) fn forward(&self, trunk: &FeatureExtractor, images: &[Grid<[f32; 3]>], device: &Device) -> Tensor<4> {
         let maps: Vec<Vec<FeatureMap>> = images.iter().map(|image| trunk.extract(&moved(image), &STAGES)).collect();
         let (width, height) = (images[0].width(), images[0].height());
-        let mut merged: Option<Tensor<4>> = None;
-        for (i, lateral) in self.laterals.iter().enumerate() {
+        self.merged(std::array::from_fn(|i| {
             let stride = STAGES[i].stride();
             let stage = maps.iter().map(|maps| to_tensor(&maps[i], width / stride, height / stride, device)).collect();
+            Tensor::cat(stage, 0)
+        }))
+    }
+
+    /// One map of the trunk's maps of moved images, each `[views, channels, height / stride, width / stride]`.
+    pub(crate) fn merged(&self, stages: [Tensor<4>; 3]) -> Tensor<4> {
+        let maps = stages.into_iter().zip(STAGES).zip(&self.laterals).map(|((map, stage), lateral)| {
             // Centres at stride s lie at `s i + s - 4` after the move: `s / 4 - 1` coarse pixels late.
-            let factor = stride / 4;
-            let map = upsample(lateral.forward(Tensor::cat(stage, 0)), factor, factor - 1);
-            merged = Some(match merged {
-                Some(sum) => sum + map,
-                None => map,
-            });
-        }
-        self.merge.forward(gelu(merged.expect("the trunk has stages")))
+            let factor = stage.stride() / 4;
+            upsample(lateral.forward(map), factor, factor - 1)
+        });
+        self.merge.forward(gelu(maps.reduce(|sum, map| sum + map).expect("the trunk has stages")))
     }
 }
 

@@ -29,10 +29,7 @@ impl PropagateOps for Flex {
     fn propagate(scores: FloatTensor<Self>, proposals: Arc<Proposals>) -> FloatTensor<Self> {
         let scores = scores.to_contiguous();
         let planes = propagate::forward(scores.storage(), &proposals);
-        FlexTensor::from_data(TensorData::new(
-            planes,
-            [proposals.num_views(), 3, proposals.height, proposals.width],
-        ))
+        FlexTensor::from_data(TensorData::new(planes, [proposals.num_views(), 3, proposals.height, proposals.width]))
     }
 
     fn propagate_backward(
@@ -42,10 +39,7 @@ impl PropagateOps for Flex {
     ) -> FloatTensor<Self> {
         let (scores, grad) = (scores.to_contiguous(), grad.to_contiguous());
         let shape = scores.shape();
-        FlexTensor::from_data(TensorData::new(
-            propagate::backward(scores.storage(), &proposals, grad.storage()),
-            shape,
-        ))
+        FlexTensor::from_data(TensorData::new(propagate::backward(scores.storage(), &proposals, grad.storage()), shape))
     }
 }
 
@@ -73,11 +67,7 @@ impl<B: Backend + PropagateOps, C: CheckpointStrategy> PropagateOps for Autodiff
         }
     }
 
-    fn propagate_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: Arc<Proposals>,
-    ) -> FloatTensor<Self> {
+    fn propagate_backward(_: FloatTensor<Self>, _: FloatTensor<Self>, _: Arc<Proposals>) -> FloatTensor<Self> {
         panic!("plane propagation has no second derivatives: a gradient of it cannot be differentiated again")
     }
 }

@@ -14,7 +14,7 @@ use burn::tensor::{Device, Int, Tensor};
 const HEAD: usize = 32;
 
 #[derive(Module, Debug)]
-pub(super) struct ViewAttention {
+pub(crate) struct ViewAttention {
     /// Queries, keys and values: per head, one after the other.
     project: Conv2d,
     merge: Conv2d,
@@ -22,7 +22,7 @@ pub(super) struct ViewAttention {
 }
 
 impl ViewAttention {
-    pub(super) fn new(channels: usize, device: &Device) -> Self {
+    pub(crate) fn new(channels: usize, device: &Device) -> Self {
         Self {
             project: conv1x1(channels, 3 * channels, device),
             merge: conv1x1(channels, channels, device),
@@ -30,7 +30,7 @@ impl ViewAttention {
         }
     }
 
-    pub(super) fn forward(&self, x: Tensor<4>, sources: &Tensor<2, Int>) -> Tensor<4> {
+    pub(crate) fn forward(&self, x: Tensor<4>, sources: &Tensor<2, Int>) -> Tensor<4> {
         let [views, channels, height, width] = x.dims();
         let (heads, tokens) = ((channels / HEAD).max(1), height * width);
         let dim = channels / heads;

@@ -3,7 +3,7 @@
 //! Invariant: fresh residual blocks and attentions are the identity (their last normalisation starts at
 //! zero), and views are treated alike.
 
-mod attention;
+pub(crate) mod attention;
 mod residual;
 
 use crate::config::UnetConfig;

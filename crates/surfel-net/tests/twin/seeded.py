@@ -1,0 +1,148 @@
+"""The refinement of a network whose coarse depth comes from matching: plane propagation and a sweep around it.
+
+Inside, inverse depth is counted in steps: a step moves a neighbour's pixel by about one.
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from layers import Conv, GroupNorm, depth_to_space, space_to_depth, upsample
+from matching import plane_sweep
+from unet import Unet
+
+OWN_LEAD = 6.0
+FARTHEST = 64.0
+AROUND = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
+
+
+@dataclass
+class Seeds:
+    """Matching's answer."""
+
+    planes: torch.Tensor  # [views, 3, h, w]: inverse depth and its change per pixel to the right and down
+    evidence: torch.Tensor  # [views, 2, h, w]: inverse depth of best agreement, and the weight of that finding
+    correlation: torch.Tensor  # [views, 1, h, w]
+    confidence: torch.Tensor  # [views, 1, h, w]
+    step: torch.Tensor  # [views]
+
+    def padded(self, right, down):
+        grow = lambda x: F.pad(x, (0, right, 0, down), mode="replicate")
+        maps = (self.planes, self.evidence, self.correlation, self.confidence)
+        return Seeds(*(grow(x) for x in maps), self.step)
+
+
+def offsets_of(distances):
+    return [(0, 0)] + [(x * d, y * d) for d in distances for x, y in AROUND]
+
+
+def looked_up(x, dx, dy):
+    """`x` `[..., h, w]` at the pixel `(dx, dy)` away, or at the border; and the way back to the pixel asked."""
+    height, width = x.shape[-2:]
+    rows, columns = torch.arange(height), torch.arange(width)
+    there_rows, there_columns = (rows + dy).clamp(0, height - 1), (columns + dx).clamp(0, width - 1)
+    back = (columns - there_columns).expand(height, width), (rows - there_rows)[:, None].expand(height, width)
+    return x[..., there_rows[:, None], there_columns[None, :]], back
+
+
+def proposals_of(planes, offsets):
+    """`[views, proposals, 3, h, w]`: the plane of each proposing pixel, continued to this one and relative to it."""
+    proposals = []
+    for dx, dy in offsets:
+        there, (back_x, back_y) = looked_up(planes, dx, dy)
+        w = there[:, 0] + there[:, 1] * back_x + there[:, 2] * back_y - planes[:, 0]
+        proposals.append(torch.stack([w.clamp(-FARTHEST, FARTHEST), there[:, 1], there[:, 2]], dim=1))
+    return torch.stack(proposals, dim=1)
+
+
+def propagated(scores, proposals, stride):
+    """Weighted means of the proposals `[views, 3, h, w]`; `scores` `[views, proposals, h / stride, w / stride]`."""
+    weights = F.interpolate(scores.softmax(dim=1), scale_factor=stride, mode="nearest")
+    return (weights[:, :, None] * proposals).sum(dim=1)
+
+
+def soft(steps):
+    return steps / (2 + steps.abs())
+
+
+def seed_inputs(seeds, proposals, offsets, stride):
+    """What the U-Net sees of the seeds."""
+    step = seeds.step.reshape(-1, 1, 1, 1)
+    offset = soft((seeds.evidence[:, :1] - seeds.planes[:, :1]) / step)
+    weight = seeds.evidence[:, 1:].clamp(min=0).log1p()
+    per_pixel = torch.cat([offset, weight, seeds.correlation, seeds.confidence], dim=1)
+    slopes = soft(4 * seeds.planes[:, 1:] / step)
+    differences = soft(proposals[:, 1:, 0])
+    confidences = torch.cat([looked_up(seeds.confidence, dx, dy)[0] for dx, dy in offsets[1:]], dim=1)
+    per_block = F.avg_pool2d(torch.cat([slopes, differences, confidences], dim=1), stride)
+    return torch.cat([space_to_depth(per_pixel, stride), per_block], dim=1)
+
+
+class SeededRefinement(nn.Module):
+    def __init__(self, config):
+        super().__init__()
+        refinement = config["refinement"]
+        self.stride = stride = refinement["stride"]
+        self.sweep = refinement.get("sweep")
+        self.offsets = offsets_of(config["seeded"]["distances"])
+        upsampled, width, image = refinement["upsampled_channels"], refinement["unet"]["channels"], 3 * stride**2
+        count, num_fine = len(self.offsets), 0
+        self.upsampler = Conv(config["backbone"]["channels"], upsampled, 3)
+        self.matcher = None
+        if self.sweep is not None:
+            num_fine = self.sweep["num_candidates"]
+            self.matcher = Conv(upsampled + image, self.sweep["channels"], 3)
+        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + num_fine
+        self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
+        self.unet = Unet(refinement["unet"])
+        self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, count + 4 * stride**2, 3)])
+
+    def forward(self, images, context, seeds, cameras, ranges, neighbours, sources):
+        """Relative disparity, density, features and slopes (1 / scene unit), all at full resolution."""
+        stride = self.stride
+        step = seeds.step.reshape(-1, 1, 1, 1)
+        proposals = proposals_of(seeds.planes / step, self.offsets)
+        upsampled = F.gelu(upsample(self.upsampler(context), 4 // stride))
+        pixels = space_to_depth(images, stride)
+        inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride)]
+        if self.matcher is not None:
+            features = self.matcher(torch.cat([upsampled, pixels], dim=1))
+            half = self.sweep["num_candidates"] // 2
+            fractions = torch.arange(-half, half + 1, dtype=torch.float64) * self.sweep["step"]
+            base = F.avg_pool2d(seeds.planes[:, :1], stride)[:, 0]
+            disparities = [fractions * s for s in seeds.step.double()]
+            inputs.append(plane_sweep(features, cameras, neighbours, stride, disparities, base))
+        refined = self.unet(F.gelu(self.enter_norm(self.enter(torch.cat(inputs, dim=1)))), sources)
+        output = self.to_planes[1](F.gelu(self.to_planes[0](refined)))
+        count = len(self.offsets)
+        lead = torch.zeros(1, count, 1, 1, dtype=output.dtype)
+        lead[:, 0] = OWN_LEAD
+        per_pixel = depth_to_space(output[:, count:], stride)
+        planes = propagated(output[:, :count] + lead, proposals, stride) + per_pixel[:, :3]
+        density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
+        moved = planes[:, :1] * step + seeds.planes[:, :1]
+        near, far = (torch.tensor(ends, dtype=output.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
+        disparity = ((moved - 1 / far) / (1 / near - 1 / far)).clamp(0, 1)
+        features = torch.cat([upsample(refined, stride), images, upsample(upsampled, stride)], dim=1)
+        return disparity, density, features, planes[:, 1:] * step
+
+
+def normals_away(cameras, disparity, slopes):
+    """Unit normals `[views, 3, h, w]` of planes in inverse depth, away from the camera (spec 2.9 with z = 1 / w)."""
+    height, width = disparity.shape[-2:]
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    normals = []
+    for view, (fx, fy, cx, cy) in enumerate(cameras.intrinsics.to(disparity.dtype)):
+        w, (w_x, w_y) = disparity[view, 0], slopes[view]
+        normal = torch.stack([fx * w_x, fy * w_y, w - w_x * (x - cx) - w_y * (y - cy)])
+        normals.append(normal / (normal.square().sum(dim=0) + 1e-8 * w.square()).sqrt())
+    return torch.stack(normals)
+
+
+def frames_of(normals):
+    """Quaternions w x y z of the shortest turn from the viewing axis to a normal."""
+    x, y, z = normals.unbind(1)
+    turn = torch.stack([1 + z, -y, x, torch.zeros_like(x)], dim=1)
+    return turn / (turn.square().sum(dim=1, keepdim=True) + 1e-8).sqrt()
