@@ -3,10 +3,10 @@
 //! Everything the graph depends on is here; nothing else decides a shape. Invariant: a configuration that
 //! passed [`NetConfig::from_toml`] builds without a panic, and an unknown key is an error, not a silent default.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// A network's settings.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetConfig {
     /// How many other views each view looks at (matching, cross-attention, aggregation).
@@ -30,7 +30,7 @@ pub struct NetConfig {
 }
 
 /// Which backbone, and its width.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum BackboneConfig {
     /// The residual CNN of spec 2.2, trained from scratch.
@@ -57,7 +57,7 @@ impl BackboneConfig {
 }
 
 /// Spec 2.3.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransformerConfig {
     /// Layers, each self-attention then cross-attention.
@@ -69,7 +69,7 @@ pub struct TransformerConfig {
 }
 
 /// A U-Net (spec 2.6).
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnetConfig {
     /// Base channels.
@@ -88,7 +88,7 @@ impl UnetConfig {
 }
 
 /// Spec 2.4.1 to 2.4.3.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CostVolumeConfig {
     /// Depth candidates, uniform in disparity from far to near.
@@ -120,7 +120,7 @@ impl SeededConfig {
 }
 
 /// Spec 2.4.4 and 2.4.5.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RefinementConfig {
     /// Input pixels per pixel of the refinement: 1 (the paper), 2 or 4.
@@ -134,7 +134,7 @@ pub struct RefinementConfig {
 }
 
 /// The second sweep.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FineSweepConfig {
     /// Candidates around the coarse disparity; odd, so that one is the coarse disparity itself.
@@ -146,7 +146,7 @@ pub struct FineSweepConfig {
 }
 
 /// Spec 2.7.1, 2.7.2.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadConfig {
     /// Degree of the spherical harmonics, 0 to 3.
@@ -155,10 +155,13 @@ pub struct HeadConfig {
     pub scale_min: f64,
     /// Largest scale in the same unit.
     pub scale_max: f64,
+    /// Channels between the two convolutions; twice the outputs when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hidden_channels: Option<usize>,
 }
 
 /// Spec 1.9.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NyquistConfig {
     /// Widen surfels to what the views can sample before computing regions (paper: surfel adaptation).
@@ -176,7 +179,7 @@ pub struct NyquistConfig {
 }
 
 /// Spec 2.7.4.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AggregationConfig {
     /// Refine features over the regions; without it the initial surfels are final.
@@ -237,6 +240,11 @@ impl NetConfig {
         let config: Self = toml::from_str(text)?;
         config.check()?;
         Ok(config)
+    }
+
+    /// As TOML that [`NetConfig::from_toml`] reads back.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("numbers, text and lists are TOML")
     }
 
     /// Image sides are padded to a multiple of this before they enter the network.
@@ -317,10 +325,11 @@ impl NetConfig {
             require(ok, "refinement.sweep.step", sweep.step.to_string(), "a finite number above 0")?;
             channels("refinement.sweep.channels", sweep.channels)?;
         }
-        let HeadConfig { sh_degree, scale_min, scale_max } = self.head;
+        let HeadConfig { sh_degree, scale_min, scale_max, hidden_channels } = self.head;
         require(sh_degree <= 3, "head.sh_degree", sh_degree.to_string(), "between 0 and 3")?;
         let ordered = scale_min > 0.0 && scale_max > scale_min && scale_max.is_finite();
         require(ordered, "head.scale_max", scale_max.to_string(), "finite and above head.scale_min, which is above 0")?;
+        count("head.hidden_channels", hidden_channels.unwrap_or(1), 4096, "between 1 and 4096")?;
         let nyquist = &self.nyquist;
         require(
             nyquist.s > 0.0 && nyquist.s.is_finite(),

@@ -14,6 +14,7 @@ pub mod cost_volume;
 mod depth;
 mod features;
 mod head;
+pub mod import;
 pub mod input;
 mod layers;
 pub mod model;
@@ -27,6 +28,9 @@ mod transformer;
 mod twin;
 mod unet;
 
+/// Where a network runs; callers need no burn of their own.
+pub use burn::tensor::Device;
+pub use checkpoint::CheckpointError;
 pub use config::{ConfigError, NetConfig, Preset};
 pub use cost_volume::DepthRange;
 pub use head::SurfelTensors;

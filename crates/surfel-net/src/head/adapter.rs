@@ -82,7 +82,7 @@ impl Adapter {
         let depth: Tensor<3> = depth.reshape([views, 1, pixels]);
         let centres = self.rays.clone() * depth.clone() + self.centres.clone();
 
-        let HeadConfig { scale_min, scale_max, sh_degree } = self.config;
+        let HeadConfig { scale_min, scale_max, sh_degree, .. } = self.config;
         let footprint = sigmoid(attributes.clone().narrow(1, 0, 2)) * (scale_max - scale_min) + scale_min;
         let scales = footprint * depth * self.footprints.clone();
 

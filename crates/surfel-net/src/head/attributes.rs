@@ -36,7 +36,8 @@ pub(crate) struct AttributeHead {
 impl AttributeHead {
     pub(crate) fn new(feature_channels: usize, config: &HeadConfig, neutral: bool, device: &Device) -> Self {
         let outputs = NUM_SHAPE + 3 * sh::num_coefficients(config.sh_degree);
-        let mut second = conv3x3(2 * outputs, outputs, device);
+        let hidden = config.hidden_channels.unwrap_or(2 * outputs);
+        let mut second = conv3x3(hidden, outputs, device);
         let mut start = vec![0.0f32; outputs];
         start[REAL_PART] = 1.0;
         if neutral {
@@ -49,7 +50,7 @@ impl AttributeHead {
         let zeros = vec![0.0f32; outputs];
         let (bias, start, gain) = if neutral { (zeros, start, NEUTRAL_GAIN) } else { (start, zeros, 1.0) };
         second.bias = Some(Param::from_tensor(Tensor::from_floats(bias.as_slice(), device)));
-        Self { first: conv3x3(feature_channels, 2 * outputs, device), second, start, gain }
+        Self { first: conv3x3(feature_channels, hidden, device), second, start, gain }
     }
 
     /// Raw attributes `[views, outputs, height, width]`.

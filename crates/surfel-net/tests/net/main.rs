@@ -1,9 +1,12 @@
 //! All integration tests in one binary: linking burn is the slow part.
 
+mod checkpoint;
 mod config;
 mod gather_attention;
+mod import;
 mod model;
 mod plane_sweep;
 mod propagate;
+mod reference_names;
 mod region;
 mod seeded;

@@ -109,7 +109,7 @@ impl Fixture {
     /// A module with the twin's weights.
     fn filled<M: Module>(&self, module: M) -> M {
         let file = TensorFile::parse(self.name, &self.bytes).unwrap();
-        let module = filled(module, file, &["weight"]).unwrap();
+        let module = filled(module, &file, &["weight"]).unwrap();
         let twin = self.names().iter().filter(|name| name.starts_with("weight.")).count();
         let mut names = Names::default();
         module.visit(&mut names);

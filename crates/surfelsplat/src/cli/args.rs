@@ -39,12 +39,27 @@ pub enum Command {
         #[command(subcommand)]
         command: EvalCommand,
     },
+    /// Look into the network's weights, check them, or make them from other people's.
+    Weights {
+        #[command(subcommand)]
+        command: WeightsCommand,
+    },
 }
 
 #[derive(Debug, Subcommand)]
 pub enum EvalCommand {
     /// Score the depth maps of a reconstruction against a scene's reference depth.
     Depth(EvalDepthArgs),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum WeightsCommand {
+    /// Say what a file of weights holds: network, licence, data, training, tensors.
+    Info(WeightsFileArgs),
+    /// Check a file of weights against its own description: every shape, every value, the checksum.
+    Verify(WeightsFileArgs),
+    /// Make weights from a checkpoint of SurfelSplat, MVSplat or UniMatch.
+    Import(WeightsImportArgs),
 }
 
 /// How depth is found.
@@ -193,6 +208,65 @@ pub struct EvalDepthArgs {
     /// 3 % of the median reference depth).
     #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
     pub cap: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub struct WeightsFileArgs {
+    /// The file: .safetensors, or for `info` also .pth, .pt or .ckpt.
+    pub file: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  surfelsplat weights import re10k.ckpt -o mvsplat.safetensors
+  surfelsplat weights import gmdepth.pth --preset paper --precision f16 -o start.safetensors
+
+Whatever the source does not have stays at its fresh start; the report says what. PyTorch files are read
+without running anything in them.")]
+pub struct WeightsImportArgs {
+    /// The checkpoint: .ckpt, .pth or .safetensors.
+    pub source: PathBuf,
+
+    /// File to write.
+    #[arg(short, long, value_name = "OUT.safetensors")]
+    pub output: PathBuf,
+
+    /// The network to fill.
+    #[arg(long, value_enum, default_value_t = NetPreset::Paper)]
+    pub preset: NetPreset,
+
+    /// Configuration of the network to fill, instead of a preset.
+    #[arg(long, value_name = "TOML", conflicts_with = "preset")]
+    pub config: Option<PathBuf>,
+
+    /// How values are stored.
+    #[arg(long, value_enum, default_value_t = WeightPrecision::F32)]
+    pub precision: WeightPrecision,
+
+    /// Licence of the source, for the header.
+    #[arg(long, value_name = "TEXT")]
+    pub licence: Option<String>,
+}
+
+/// A shipped network configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum NetPreset {
+    /// As the paper describes it.
+    Paper,
+    /// Narrow, on pretrained features.
+    Small,
+    /// For tests.
+    Tiny,
+}
+
+/// Bits per weight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum WeightPrecision {
+    /// 16 bits, for weights that are only used.
+    F16,
+    /// 32 bits, for weights that are trained on.
+    F32,
 }
 
 fn format_names() -> impl TypedValueParser<Value = FormatKind> {

@@ -8,6 +8,7 @@ mod eval_depth;
 mod inspect;
 mod reconstruct;
 mod train;
+mod weights;
 
 use args::{Cli, Command, EvalCommand};
 use clap::Parser;
@@ -27,6 +28,7 @@ pub fn run() -> ExitCode {
         Command::Inspect(ref args) => inspect::run(args, cli.json, cli.quiet),
         Command::Train(ref args) => train::run(args, cli.json, cli.quiet),
         Command::Eval { command: EvalCommand::Depth(ref args) } => eval_depth::run(args, cli.json),
+        Command::Weights { ref command } => weights::run(command, cli.json, cli.quiet),
     };
     match result {
         Ok(code) => code,

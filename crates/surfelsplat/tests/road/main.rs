@@ -11,3 +11,4 @@ mod scale;
 mod scene_files;
 mod shared_scenes;
 mod truth;
+mod weights;
