@@ -98,7 +98,7 @@ pub struct CostVolumeConfig {
 }
 
 /// A network whose coarse depth is a `seed::Seed` that matching gives.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeededConfig {
     /// Distances in pixels at which the eight neighbours of a pixel propose their planes to it.

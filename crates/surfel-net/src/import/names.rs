@@ -96,7 +96,7 @@ fn depth(path: &[&str], config: &NetConfig) -> Option<Origin> {
     Some(match path {
         ["coarse", "enter", kind] => same(format!("corr_refine_net.0.{kind}")),
         ["coarse", "enter_norm", kind] => same(format!("corr_refine_net.1.{}", norm(kind))),
-        ["coarse", "unet", rest @ ..] => unet(rest, &config.cost_volume.unet)?.below("corr_refine_net.3"),
+        ["coarse", "unet", rest @ ..] => unet(rest, &config.cost_volume.as_ref()?.unet)?.below("corr_refine_net.3"),
         ["coarse", "leave", kind] => same(format!("corr_refine_net.4.{kind}")),
         ["coarse", "residual", kind] => same(format!("regressor_residual.{kind}")),
         ["coarse", "head", i, kind] => same(format!("depth_head_lowres.{}.{kind}", 2 * i.parse::<usize>().ok()?)),
