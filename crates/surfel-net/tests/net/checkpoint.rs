@@ -42,7 +42,7 @@ fn a_file_alone_builds_its_network() {
     let (first, second) = (folder.path("a.safetensors"), folder.path("b.safetensors"));
     let mut config = NetConfig::preset(Preset::Tiny);
     config.head.hidden_channels = Some(20);
-    config.cost_volume.num_candidates = 18;
+    config.cost_volume.as_mut().unwrap().num_candidates = 18;
     let net = SurfelNet::new(config.clone(), &Device::flex()).unwrap();
     let about = About {
         licence: Some("MIT".to_owned()),

@@ -20,14 +20,14 @@ pub(super) fn surfel_outputs(surfels: SurfelTensors) -> Outputs {
 #[test]
 fn the_attribute_head_equals_its_twin() {
     let fixture = Fixture::open("attributes");
-    let head = AttributeHead::new(10, &config().head, &device());
+    let head = AttributeHead::new(10, &config().head, false, &device());
     fixture.assert_equal(head, |head| vec![out("y", head.forward(fixture.input("features")))]);
 }
 
 #[test]
 fn the_adapter_equals_its_twin() {
     let fixture = Fixture::open("adapter");
-    let config = HeadConfig { sh_degree: 3, scale_min: 0.5, scale_max: 15.0 };
+    let config = HeadConfig { sh_degree: 3, scale_min: 0.5, scale_max: 15.0, hidden_channels: None };
     let adapter = Adapter::new(&fixture.cameras(6, 5), &config, &device());
     fixture.assert_function_equal(|| {
         let [attributes, depth, opacity] = ["attributes", "depth", "opacity"].map(|name| fixture.input(name));
