@@ -13,6 +13,7 @@ use std::time::Instant;
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::cost_volume::{sweep, uniform_candidates, warps};
 use surfel_net::ops::plane_sweep;
+use surfel_net::ops::plane_sweep::Base;
 use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, Seed, SurfelNet};
 
 const WIDTH: usize = 320;
@@ -76,7 +77,7 @@ fn main() {
     let features = Tensor::<4>::random([2, channels, height, width], Distribution::Default, &device);
     let warps = warps(&cameras, &[vec![1], vec![0]], 4);
     let disparities: Vec<Vec<f32>> = ranges.iter().map(|range| uniform_candidates(range, candidates)).collect();
-    let geometry = Arc::new(sweep(warps.clone(), (width, height), disparities.clone(), None));
+    let geometry = Arc::new(sweep(warps.clone(), (width, height), disparities.clone(), Base::Zero));
     let ours = best_ms(9, || {
         std::hint::black_box(plane_sweep(features.clone(), geometry.clone()).into_data());
     });

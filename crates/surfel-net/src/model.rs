@@ -17,6 +17,7 @@ use crate::nyquist::adapt::{Adaptation, adapt};
 use crate::nyquist::region::regions;
 use crate::nyquist::{NEAR_CLIP, Shapes};
 use crate::ops::plane_sweep;
+use crate::ops::plane_sweep::Base;
 use crate::transformer::Transformer;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -179,7 +180,7 @@ impl SurfelNet {
             (_, _, _, Some(seeded), Some(config)) => {
                 let (width, height) = (padded[0].width(), padded[0].height());
                 let seeds: Vec<_> = scene.seeds.iter().map(|seed| seed.padded(width, height)).collect();
-                let maps = SeedMaps::new(&seeds, config.offsets(), self.config.refinement.stride, device);
+                let maps = SeedMaps::new(&seeds, &padded, config.offsets(), self.config.refinement.stride, device);
                 let refined = seeded.forward(&self.config, images, context, &maps, geometry);
                 let confidence = refined.density.clone();
                 (refined, confidence)
@@ -204,7 +205,7 @@ impl SurfelNet {
             warps(geometry.cameras, geometry.neighbours, 4),
             (columns, rows),
             geometry.ranges.iter().map(candidates).collect(),
-            None,
+            Base::Zero,
         );
         let correlation = plane_sweep(matching.clone(), Arc::new(coarse_sweep));
         coarse.forward(correlation, matching.clone(), geometry.sources)

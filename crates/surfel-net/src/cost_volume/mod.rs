@@ -5,7 +5,7 @@
 
 pub mod neighbours;
 
-use crate::ops::plane_sweep::{Sweep, Warp};
+use crate::ops::plane_sweep::{Base, Sweep, Warp};
 use glam::{DMat3, DVec3};
 use surfel_core::{Camera, Intrinsics};
 
@@ -65,7 +65,7 @@ pub fn warps(cameras: &[Camera], neighbours: &[Vec<usize>], stride: usize) -> Ve
 }
 
 /// A sweep over maps of `width` x `height` pixels.
-pub fn sweep(warps: Vec<Vec<Warp>>, size: (usize, usize), disparities: Vec<Vec<f32>>, base: Option<Vec<f32>>) -> Sweep {
+pub fn sweep(warps: Vec<Vec<Warp>>, size: (usize, usize), disparities: Vec<Vec<f32>>, base: Base) -> Sweep {
     Sweep { width: size.0, height: size.1, warps, disparities, base }
 }
 

@@ -5,6 +5,7 @@
 //! the near end. Invariant: nothing here depends on the scene unit.
 
 mod coarse;
+mod patches;
 mod refine;
 mod seed_maps;
 mod seeded;

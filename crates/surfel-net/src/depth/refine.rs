@@ -9,6 +9,7 @@ use crate::cost_volume::{DepthRange, sweep, warps};
 use crate::head::values;
 use crate::layers::{conv3x3, depth_to_space, group_norm, space_to_depth, upsample};
 use crate::ops::plane_sweep;
+use crate::ops::plane_sweep::Base;
 use crate::unet::Unet;
 use burn::module::Module;
 use burn::nn::GroupNorm;
@@ -116,7 +117,7 @@ fn fine_correlation(config: &NetConfig, features: Tensor<4>, coarse: Tensor<4>, 
         let step = fine.step * range.disparity_span() / coarse_steps;
         (0..fine.num_candidates).map(|j| ((j as f64 - half) * step) as f32).collect()
     });
-    let base = values(disparity(coarse.detach(), scene.ranges));
+    let base = Base::PerPixel(values(disparity(coarse.detach(), scene.ranges)));
     let warps = warps(scene.cameras, scene.neighbours, config.refinement.stride);
-    plane_sweep(features, Arc::new(sweep(warps, (width, height), disparities.collect(), Some(base))))
+    plane_sweep(features, Arc::new(sweep(warps, (width, height), disparities.collect(), base)))
 }

@@ -7,6 +7,7 @@ use crate::ops::propagate::Proposals;
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
+use surfel_core::Grid;
 
 /// Maps that every pixel of a block gives of its own: offset and weight of the evidence, correlation, confidence.
 const PER_PIXEL: usize = 4;
@@ -25,10 +26,9 @@ pub(crate) struct SeedMaps {
     pub(crate) inverse_depth: Tensor<4>,
     /// Inverse depth of a step, `[views, 1, 1, 1]`.
     pub(crate) steps: Tensor<4>,
-    /// The same per view.
-    pub(crate) step_of_view: Vec<f32>,
-    /// Mean inverse depth of each block, 1 / scene unit, `[views, height / stride, width / stride]`.
-    pub(crate) block_inverse_depth: Vec<f32>,
+    step_of_view: Vec<f32>,
+    /// Windows of the photographs, see [`patches`].
+    pub(crate) patches: Tensor<4>,
     /// The planes and where they propose to.
     pub(crate) proposals: Arc<Proposals>,
 }
@@ -39,8 +39,14 @@ impl SeedMaps {
         PER_PIXEL * stride * stride + SLOPES + 2 * (num_proposals - 1)
     }
 
-    /// Of seeds padded to a multiple of the stride; `offsets` begins with the pixel itself.
-    pub(crate) fn new(seeds: &[Seed], offsets: Vec<[i32; 2]>, stride: usize, device: &Device) -> Self {
+    /// Of seeds and images padded to a multiple of the stride; `offsets` begins with the pixel itself.
+    pub(crate) fn new(
+        seeds: &[Seed],
+        images: &[Grid<[f32; 3]>],
+        offsets: Vec<[i32; 2]>,
+        stride: usize,
+        device: &Device,
+    ) -> Self {
         let (width, height) = (seeds[0].planes.width(), seeds[0].planes.height());
         let (views, pixels) = (seeds.len(), width * height);
         let planes: Vec<[f32; 3]> = seeds.iter().flat_map(Seed::planes_in_steps).collect();
@@ -59,12 +65,32 @@ impl SeedMaps {
         Self {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
             confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
-            block_inverse_depth: block_means(&inverse_depth, &proposals),
+            patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
             step_of_view,
             proposals: Arc::new(proposals),
         }
+    }
+
+    /// What is tried at each block: its own plane moved by `offsets` steps, then the planes proposed to it. Inverse
+    /// depth at the pixel the block's features stand over, 1 / scene unit, `[views, tries, rows, columns]`.
+    pub(crate) fn tries(&self, offsets: &[f32]) -> Vec<f32> {
+        let Proposals { width, height, stride, ref planes, .. } = *self.proposals;
+        let mut tries = Vec::new();
+        for (view, step) in self.step_of_view.iter().enumerate() {
+            let mut push = |value: &dyn Fn(usize, usize) -> f32| {
+                for y in (0..height).step_by(stride) {
+                    tries.extend((0..width).step_by(stride).map(|x| {
+                        let own = planes[(view * height + y) * width + x][0];
+                        step * (own + value(x, y))
+                    }));
+                }
+            };
+            offsets.iter().for_each(|offset| push(&|_, _| *offset));
+            (1..self.proposals.offsets.len()).for_each(|k| push(&|x, y| self.proposals.at(view, x, y, k)[0]));
+        }
+        tries
     }
 }
 

@@ -1,15 +1,16 @@
 //! Matching's depth to a better one: the refinement of a network whose coarse depth is a [`Seed`].
 //!
-//! At half resolution (or another stride) a U-Net sees the photograph, pretrained features, what matching knows
-//! and a narrow learned sweep around it; it weighs the planes its surroundings propose (`ops::propagate`) and
-//! adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
+//! At half resolution (or another stride) a U-Net sees the photograph, pretrained features, what matching knows,
+//! and how well the photographs and learned features agree at the planes its surroundings propose; it weighs these
+//! planes (`ops::propagate`) and adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
 //! and everything is in steps, so neither unit nor depth range is seen.
 
 use super::seed_maps::SeedMaps;
 use super::{Refined, SceneGeometry, per_view};
-use crate::config::{NetConfig, RefinementConfig, SeededConfig};
+use crate::config::{FineSweepConfig, NetConfig, RefinementConfig, SeededConfig};
 use crate::cost_volume::{sweep, warps};
 use crate::layers::{conv3x3, depth_to_space, group_norm, space_to_depth, upsample};
+use crate::ops::plane_sweep::Base;
 use crate::ops::{plane_sweep, propagate_planes};
 use crate::unet::Unet;
 use burn::module::{Module, Param};
@@ -21,7 +22,7 @@ use std::sync::Arc;
 use surfel_core::Camera;
 
 /// Score by which a pixel's own plane leads at the start.
-const OWN_LEAD: f64 = 9.0;
+const OWN_LEAD: f64 = 7.0;
 /// Corrections of a plane and a density per pixel.
 const PER_PIXEL: usize = 4;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
@@ -42,9 +43,11 @@ impl SeededRefinement {
     pub(crate) fn new(config: &NetConfig, seeded: &SeededConfig, device: &Device) -> Self {
         let RefinementConfig { stride, upsampled_channels, unet, sweep } = &config.refinement;
         let (width, image) = (unet.channels, 3 * stride * stride);
-        let num_fine = sweep.as_ref().map_or(0, |s| s.num_candidates);
         let num_proposals = seeded.num_proposals();
-        let inputs = image + upsampled_channels + SeedMaps::channels(*stride, num_proposals) + num_fine;
+        // Tries are matched twice: by the photographs and by learned features.
+        let num_tries = |sweep: &FineSweepConfig| 2 * (sweep.num_candidates + num_proposals - 1);
+        let matched = sweep.as_ref().map_or(0, num_tries);
+        let inputs = image + upsampled_channels + SeedMaps::channels(*stride, num_proposals) + matched;
         let mut last = conv3x3(2 * width, num_proposals + PER_PIXEL * stride * stride, device);
         last.weight = Param::from_tensor(last.weight.val().zeros_like());
         last.bias = last.bias.map(|bias| Param::from_tensor(bias.val().zeros_like()));
@@ -73,7 +76,7 @@ impl SeededRefinement {
         let mut inputs = vec![pixels.clone(), upsampled.clone(), seeds.inputs.clone()];
         if let Some(matcher) = &self.matcher {
             let features = matcher.forward(Tensor::cat(vec![upsampled.clone(), pixels], 1));
-            inputs.push(fine_correlation(config, features, seeds, scene));
+            inputs.extend(agreement(config, features, seeds, scene));
         }
         let x = gelu(self.enter_norm.forward(self.enter.forward(Tensor::cat(inputs, 1))));
         let refined = self.unet.forward(x, scene.sources);
@@ -113,16 +116,16 @@ fn own_lead(count: usize, device: &Device) -> Tensor<4> {
     Tensor::<1>::from_floats(lead.as_slice(), device).reshape([1, count, 1, 1])
 }
 
-/// Learned correlations around the seed; no gradient flows into their position.
-fn fine_correlation(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &SceneGeometry) -> Tensor<4> {
-    let Some(fine) = &config.refinement.sweep else { return features };
-    let [_, _, height, width] = features.dims();
+/// Correlations at every try, of learned features and of the photographs; no gradient flows into the tries.
+fn agreement(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &SceneGeometry) -> Vec<Tensor<4>> {
+    let Some(fine) = &config.refinement.sweep else { return Vec::new() };
+    let [views, _, height, width] = features.dims();
     let half = (fine.num_candidates / 2) as f64;
-    let disparities = seeds
-        .step_of_view
-        .iter()
-        .map(|step| (0..fine.num_candidates).map(|j| ((j as f64 - half) * fine.step) as f32 * step).collect());
+    let offsets: Vec<f32> = (0..fine.num_candidates).map(|j| ((j as f64 - half) * fine.step) as f32).collect();
+    let tries = seeds.tries(&offsets);
+    let count = tries.len() / (views * height * width);
     let warps = warps(scene.cameras, scene.neighbours, config.refinement.stride);
-    let base = Some(seeds.block_inverse_depth.clone());
-    plane_sweep(features, Arc::new(sweep(warps, (width, height), disparities.collect(), base)))
+    let geometry = sweep(warps, (width, height), vec![vec![0.0; count]; views], Base::PerCandidate(tries));
+    let geometry = Arc::new(geometry);
+    vec![plane_sweep(features, geometry.clone()), plane_sweep(seeds.patches.clone(), geometry)]
 }

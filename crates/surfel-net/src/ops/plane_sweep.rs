@@ -37,8 +37,19 @@ pub struct Sweep {
     pub warps: Vec<Vec<Warp>>,
     /// For each reference view, the disparity of each candidate, relative to `base`.
     pub disparities: Vec<Vec<f32>>,
-    /// Disparity of each pixel, `[views, height, width]`, to which the candidates are added; absent: zero.
-    pub base: Option<Vec<f32>>,
+    /// What the candidates are added to.
+    pub base: Base,
+}
+
+/// Disparity to which the candidates of a sweep are added.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Base {
+    /// Zero everywhere.
+    Zero,
+    /// One per pixel, `[views, height, width]`.
+    PerPixel(Vec<f32>),
+    /// One per candidate and pixel, `[views, candidates, height, width]`.
+    PerCandidate(Vec<f32>),
 }
 
 impl Sweep {
@@ -62,8 +73,14 @@ impl Sweep {
         samples.clear();
         let pixel = [x as f32, y as f32, 1.0];
         let far: [f32; 3] = warp.rotation.map(|row| row[0] * pixel[0] + row[1] * pixel[1] + row[2]);
-        let base = self.base.as_ref().map_or(0.0, |b| b[view * self.num_pixels() + y * self.width + x]);
+        let (pixels, pixel_index) = (self.num_pixels(), y * self.width + x);
+        let count = self.disparities[view].len();
         for (candidate, offset) in self.disparities[view].iter().enumerate() {
+            let base = match &self.base {
+                Base::Zero => 0.0,
+                Base::PerPixel(base) => base[view * pixels + pixel_index],
+                Base::PerCandidate(base) => base[(view * count + candidate) * pixels + pixel_index],
+            };
             let disparity = base + offset;
             let q: [f32; 3] = std::array::from_fn(|i| far[i] + disparity * warp.translation[i]);
             if q[2] > MIN_DEPTH_RATIO {

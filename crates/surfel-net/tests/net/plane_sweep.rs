@@ -3,14 +3,14 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use std::sync::Arc;
-use surfel_net::ops::plane_sweep::{Sweep, Warp, backward, forward};
+use surfel_net::ops::plane_sweep::{Base, Sweep, Warp, backward, forward};
 
 const CHANNELS: usize = 11;
 const WIDTH: usize = 7;
 const HEIGHT: usize = 5;
 
 /// Three views whose warps shift, turn, leave the map, and (the last) pass behind the neighbour.
-fn geometry(with_base: bool) -> Sweep {
+fn geometry(base: Base) -> Sweep {
     let warp = |other, shift: f32, tilt: f32| Warp {
         other,
         rotation: [[1.0, 0.1 * tilt, 0.3], [-0.1 * tilt, 0.97, 0.2], [0.01, -0.02 * tilt, 1.0]],
@@ -27,8 +27,16 @@ fn geometry(with_base: bool) -> Sweep {
             vec![behind, warp(1, 0.35, 0.0)],
         ],
         disparities: (0..3).map(|v| (0..6).map(|j| 0.05 + 0.17 * (j + v) as f32).collect()).collect(),
-        base: with_base.then(|| (0..3 * WIDTH * HEIGHT).map(|i| 0.02 * (i % 9) as f32).collect()),
+        base,
     }
+}
+
+fn per_pixel() -> Base {
+    Base::PerPixel((0..3 * WIDTH * HEIGHT).map(|i| 0.02 * (i % 9) as f32).collect())
+}
+
+fn per_candidate() -> Base {
+    Base::PerCandidate((0..3 * 6 * WIDTH * HEIGHT).map(|i| 0.03 * (i % 7) as f32).collect())
 }
 
 fn random(len: usize, seed: u64) -> Vec<f32> {
@@ -45,9 +53,13 @@ fn twin(features: &[f64], sweep: &Sweep) -> Vec<f64> {
     let mut output = Vec::new();
     for (view, warps) in sweep.warps.iter().enumerate() {
         for y in 0..HEIGHT {
-            for offset in &sweep.disparities[view] {
+            for (j, offset) in sweep.disparities[view].iter().enumerate() {
                 for x in 0..WIDTH {
-                    let base = sweep.base.as_ref().map_or(0.0, |b| b[(view * HEIGHT + y) * WIDTH + x]);
+                    let base = match &sweep.base {
+                        Base::Zero => 0.0,
+                        Base::PerPixel(base) => base[(view * HEIGHT + y) * WIDTH + x],
+                        Base::PerCandidate(base) => base[((view * 6 + j) * HEIGHT + y) * WIDTH + x],
+                    };
                     let disparity = f64::from(base + offset);
                     let mut mean = 0.0;
                     for warp in warps {
@@ -84,8 +96,8 @@ fn in_f64(values: &[f32]) -> Vec<f64> {
 
 #[test]
 fn equals_the_plain_sweep() {
-    for with_base in [false, true] {
-        let sweep = geometry(with_base);
+    for base in [Base::Zero, per_pixel(), per_candidate()] {
+        let sweep = geometry(base);
         let features = random(3 * WIDTH * HEIGHT * CHANNELS, 1);
         let (fast, plain) = (forward(&features, CHANNELS, &sweep), twin(&in_f64(&features), &sweep));
         assert!(plain.iter().filter(|v| **v != 0.0).count() > plain.len() / 3, "most samples fall outside");
@@ -98,7 +110,7 @@ fn equals_the_plain_sweep() {
 
 #[test]
 fn gradient_equals_finite_differences() {
-    let sweep = geometry(true);
+    let sweep = geometry(per_pixel());
     let features = random(3 * WIDTH * HEIGHT * CHANNELS, 2);
     let grad = random(3 * 6 * WIDTH * HEIGHT, 3);
     let analytic = backward(&features, CHANNELS, &sweep, &grad);
@@ -119,7 +131,7 @@ fn gradient_equals_finite_differences() {
 #[test]
 fn burn_differentiates_through_it() {
     let device = Device::flex().autodiff();
-    let sweep = geometry(false);
+    let sweep = geometry(Base::Zero);
     let (features, grad) = (random(3 * WIDTH * HEIGHT * CHANNELS, 4), random(3 * 6 * WIDTH * HEIGHT, 5));
     let maps: Tensor<4> = Tensor::from_data(TensorData::new(features.clone(), [3, HEIGHT, WIDTH, CHANNELS]), &device);
     let maps = maps.permute([0, 3, 1, 2]).require_grad();
@@ -134,7 +146,7 @@ fn burn_differentiates_through_it() {
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
-    let sweep = geometry(false);
+    let sweep = geometry(Base::Zero);
     let (features, grad) = (random(3 * WIDTH * HEIGHT * CHANNELS, 6), random(3 * 6 * WIDTH * HEIGHT, 7));
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

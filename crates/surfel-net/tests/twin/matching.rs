@@ -6,7 +6,7 @@ use crate::DepthRange;
 use crate::cost_volume::{sweep, uniform_candidates, warps};
 use crate::depth::CoarseDepth;
 use crate::ops::plane_sweep;
-use crate::ops::plane_sweep::Sweep;
+use crate::ops::plane_sweep::{Base, Sweep};
 use std::sync::Arc;
 
 #[test]
@@ -14,9 +14,9 @@ fn the_plane_sweep_equals_grid_sampling() {
     let fixture = Fixture::open("sweep");
     let warps = warps(&fixture.cameras(40, 32), &others(3), 4);
     let candidates = vec![uniform_candidates(&DepthRange { near: 1.2, far: 6.0 }, 8); 3];
-    let coarse = Arc::new(sweep(warps.clone(), (10, 8), candidates, None));
+    let coarse = Arc::new(sweep(warps.clone(), (10, 8), candidates, Base::Zero));
     let base = fixture.values("given.base");
-    let fine = Arc::new(sweep(warps, (10, 8), vec![vec![-0.1, 0.0, 0.1]; 3], Some(base)));
+    let fine = Arc::new(sweep(warps, (10, 8), vec![vec![-0.1, 0.0, 0.1]; 3], Base::PerPixel(base)));
     fixture.assert_function_equal(|| {
         let volume = |geometry: &Arc<Sweep>| plane_sweep(fixture.input("features"), geometry.clone());
         vec![out("coarse", volume(&coarse)), out("fine", volume(&fine))]
