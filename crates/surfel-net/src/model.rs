@@ -17,7 +17,7 @@ use crate::nyquist::adapt::{Adaptation, adapt};
 use crate::nyquist::region::regions;
 use crate::nyquist::{NEAR_CLIP, Shapes};
 use crate::ops::plane_sweep;
-use crate::ops::plane_sweep::Base;
+use crate::ops::plane_sweep::Base as SweepBase;
 use crate::transformer::Transformer;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -205,7 +205,7 @@ impl SurfelNet {
             warps(geometry.cameras, geometry.neighbours, 4),
             (columns, rows),
             geometry.ranges.iter().map(candidates).collect(),
-            Base::Zero,
+            SweepBase::Zero,
         );
         let correlation = plane_sweep(matching.clone(), Arc::new(coarse_sweep));
         coarse.forward(correlation, matching.clone(), geometry.sources)

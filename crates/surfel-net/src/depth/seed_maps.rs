@@ -2,6 +2,7 @@
 //!
 //! Invariant: nothing here carries a gradient, and every input is in steps, correlations or shares.
 
+use super::patches::patches;
 use crate::layers::space_to_depth;
 use crate::ops::propagate::Proposals;
 use crate::seed::Seed;
