@@ -51,13 +51,14 @@ fn mirrored_seed(seed: &Seed) -> Seed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{Source, SourceConfig};
+    use crate::source::{Source, SourceConfig, SourceKind};
     use glam::DVec2;
     use surfel_synth::Split;
 
     fn sample() -> Sample {
-        let config = SourceConfig { assets: None, seed: 1, width: 40, height: 32, num_views: 2, room_share: 0.0 };
-        Source::open(&config, Split::Train).unwrap().sample(0).unwrap()
+        let kind = SourceKind::Analytic;
+        let config = SourceConfig { kind, seed: 1, width: 40, height: 32, num_views: 2, room_share: 0.0 };
+        Source::open(&config, Split::Train, None).unwrap().sample(0).unwrap()
     }
 
     #[test]

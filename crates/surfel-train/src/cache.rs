@@ -6,7 +6,7 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
-use crate::source::{Source, SourceConfig};
+use crate::source::{Source, SourceConfig, SourceKind};
 use glam::{DMat3, DVec3};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::path::{Path, PathBuf};
@@ -31,8 +31,8 @@ impl Cache {
     /// When the folder cannot be made.
     pub fn new(source: Source, config: &SourceConfig, folder: Option<&Path>, side: &str) -> Result<Self, TrainError> {
         let folder = folder.map(|folder| {
-            let SourceConfig { seed, width, height, num_views, room_share, assets } = config;
-            let kind = if assets.is_some() { "scans" } else { "analytic" };
+            let SourceConfig { seed, width, height, num_views, room_share, kind } = config;
+            let kind = if *kind == SourceKind::Scans { "scans" } else { "analytic" };
             let rooms = (100.0 * room_share).round();
             folder.join(format!("{side}-{kind}-{width}x{height}-{num_views}views-{rooms}rooms-seed{seed}"))
         });
@@ -174,9 +174,9 @@ mod tests {
 
     #[test]
     fn a_cached_sample_is_the_sample() {
-        let config =
-            SourceConfig { assets: None, seed: 3, width: 48, height: 32, num_views: 2, room_share: 0.0 };
-        let open = || Source::open(&config, Split::Train).unwrap();
+        let kind = SourceKind::Analytic;
+        let config = SourceConfig { kind, seed: 3, width: 48, height: 32, num_views: 2, room_share: 0.0 };
+        let open = || Source::open(&config, Split::Train, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();
         let (fresh, first, second) =

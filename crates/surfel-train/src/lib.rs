@@ -24,4 +24,4 @@ pub mod validate;
 pub use config::TrainConfig;
 pub use error::TrainError;
 pub use sample::Sample;
-pub use trainer::{Trainer, Watcher};
+pub use trainer::{Places, Trainer, Watcher};

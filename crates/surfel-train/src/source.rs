@@ -6,15 +6,25 @@
 use crate::error::TrainError;
 use crate::sample::Sample;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::Path;
 use surfel_synth::{AssetLibrary, Random, SceneKind, SceneOptions, SceneSampler, Split, SynthConfig};
+
+/// What a source photographs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SourceKind {
+    /// Scanned objects from a folder of assets.
+    Scans,
+    /// Analytic shapes; nothing is needed.
+    Analytic,
+}
 
 /// Settings of a source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SourceConfig {
-    /// Folder of scans, textures and light maps; without it analytic scenes are drawn.
-    pub assets: Option<PathBuf>,
+    /// What is photographed.
+    pub kind: SourceKind,
     /// Names the sequence of scenes.
     pub seed: u64,
     /// Image columns.
@@ -41,17 +51,18 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens the assets, if any.
+    /// Opens one side of the assets, which analytic scenes do without.
     ///
     /// # Errors
-    /// [`TrainError::Assets`] when the folder lacks something.
-    pub fn open(config: &SourceConfig, split: Split) -> Result<Self, TrainError> {
-        match &config.assets {
-            Some(folder) => {
+    /// [`TrainError::NoAssets`] when there are none, [`TrainError::Assets`] when the folder lacks something.
+    pub fn open(config: &SourceConfig, split: Split, assets: Option<&Path>) -> Result<Self, TrainError> {
+        match (config.kind, assets) {
+            (SourceKind::Analytic, _) => Ok(Self::Analytic(config.clone())),
+            (SourceKind::Scans, None) => Err(TrainError::NoAssets),
+            (SourceKind::Scans, Some(folder)) => {
                 let library = Box::new(AssetLibrary::open(folder, split)?);
                 Ok(Self::Scans { library, config: config.clone() })
             }
-            None => Ok(Self::Analytic(config.clone())),
         }
     }
 

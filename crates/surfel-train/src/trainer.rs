@@ -53,6 +53,17 @@ pub struct StepReport {
     pub seconds_per_step: f64,
 }
 
+/// Where things are that are no part of a run's settings.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Places<'a> {
+    /// Folder of scans, textures and light maps.
+    pub assets: Option<&'a Path>,
+    /// Folder that keeps samples.
+    pub cache: Option<&'a Path>,
+    /// Weights to start from.
+    pub initial: Option<&'a Path>,
+}
+
 /// A run.
 pub struct Trainer {
     config: TrainConfig,
@@ -65,16 +76,14 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Starts a run in `folder`, or goes on with the one that is there. `cache` is where samples are kept,
-    /// `initial` a weights file to start from.
+    /// Starts a run in `folder`, or goes on with the one that is there.
     ///
     /// # Errors
     /// When assets, folder, checkpoint or weights cannot be used.
     pub fn new(
         config: TrainConfig,
         folder: &Path,
-        cache: Option<&Path>,
-        initial: Option<&Path>,
+        Places { assets, cache, initial }: Places,
     ) -> Result<Self, TrainError> {
         std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         let device = Device::flex().autodiff();
@@ -95,7 +104,7 @@ impl Trainer {
         forget_after(&folder.join(METRICS), state.step)?;
         let open = |entries: &[SourceEntry], split: Split, side: &str| {
             let open = |entry: &SourceEntry| {
-                let cache = Cache::new(Source::open(&entry.source, split)?, &entry.source, cache, side)?;
+                let cache = Cache::new(Source::open(&entry.source, split, assets)?, &entry.source, cache, side)?;
                 Ok((entry.num_samples, cache))
             };
             entries.iter().map(open).collect::<Result<Vec<_>, TrainError>>()

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use surfel_train::trainer::StepReport;
 use surfel_train::validate::Validation;
-use surfel_train::{TrainConfig, Trainer, Watcher};
+use surfel_train::{Places, TrainConfig, Trainer, Watcher};
 
 /// The shipped graph, narrow, with a rate of learning.
 fn config(rate: f64, steps: u64) -> TrainConfig {
@@ -14,7 +14,7 @@ fn config(rate: f64, steps: u64) -> TrainConfig {
         .replace("channels = 24, multipliers = [1, 2, 2, 4]", "channels = 8, multipliers = [1, 2]")
         .replace("num_candidates = 9, step = 0.5, channels = 16", "num_candidates = 5, step = 0.5, channels = 8")
         .replace("channels = 32\nnum_heads = 2", "channels = 16\nnum_heads = 2");
-    let source = "width = 64\nheight = 48\nnum_views = 2\nroom_share = 0.0\n";
+    let source = "kind = \"analytic\"\nwidth = 64\nheight = 48\nnum_views = 2\nroom_share = 0.0\n";
     let text = format!(
         "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\n\
          [rate]\nrate = {rate:e}\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\
@@ -37,10 +37,14 @@ impl Watcher for Losses {
     fn validated(&self, _: u64, _: &Validation) {}
 }
 
+fn places(cache: &Path) -> Places<'_> {
+    Places { cache: Some(cache), ..Places::default() }
+}
+
 /// Runs to the end; returns scores before and after.
 fn train(config: TrainConfig, folder: &Path, cache: &Path) -> (Validation, Validation) {
     let steps = config.steps;
-    let mut trainer = Trainer::new(config, folder, Some(cache), None).unwrap();
+    let mut trainer = Trainer::new(config, folder, places(cache)).unwrap();
     let before = trainer.validate().unwrap();
     trainer.run(steps, &Losses::default()).unwrap();
     (before, trainer.validate().unwrap())
@@ -69,7 +73,7 @@ fn a_resumed_run_is_the_same_run() {
     let losses = |folder: &Path, stops: &[u64]| {
         let losses = Losses::default();
         for stop in stops {
-            let mut trainer = Trainer::new(config(1e-3, 12), folder, Some(&cache), None).unwrap();
+            let mut trainer = Trainer::new(config(1e-3, 12), folder, places(&cache)).unwrap();
             trainer.run(*stop, &losses).unwrap();
         }
         (losses.0.into_inner().unwrap(), std::fs::read_to_string(folder.join("metrics.jsonl")).unwrap())
@@ -79,6 +83,6 @@ fn a_resumed_run_is_the_same_run() {
     assert_eq!(whole, parts);
     // Six intervals and the validation at the end.
     assert_eq!(metrics.lines().count(), 7);
-    let other = Trainer::new(config(2e-3, 12), &folder.path().join("parts"), Some(&cache), None);
+    let other = Trainer::new(config(2e-3, 12), &folder.path().join("parts"), places(&cache));
     assert!(other.err().unwrap().to_string().contains("checkpoint of another run"));
 }

@@ -141,7 +141,7 @@ pub struct ReconstructArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  surfelsplat train crates/surfel-train/configs/small.toml -o runs/small --cache runs/samples
+  surfelsplat train crates/surfel-train/configs/small.toml --assets assets -o runs/small --cache runs/samples
 
 Writes into OUT: checkpoint.safetensors (to go on from), last.safetensors and best.safetensors (weights),
 metrics.jsonl. The same command after an interruption goes on where the last checkpoint was written.")]
@@ -152,6 +152,10 @@ pub struct TrainArgs {
     /// Folder of the run.
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
+
+    /// Folder of scans, textures and light maps (index.json, split.json, meshes/, textures/, envmaps/).
+    #[arg(long, value_name = "DIR")]
+    pub assets: Option<PathBuf>,
 
     /// Folder that keeps rendered and matched samples for later epochs and runs (about 3 MB each at 208x160).
     #[arg(long, value_name = "DIR")]

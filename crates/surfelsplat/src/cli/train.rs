@@ -6,12 +6,14 @@ use anyhow::Result;
 use std::process::ExitCode;
 use surfel_train::trainer::StepReport;
 use surfel_train::validate::{Scores, Validation};
-use surfel_train::{TrainConfig, Trainer, Watcher};
+use surfel_train::{Places, TrainConfig, Trainer, Watcher};
 
 pub fn run(args: &TrainArgs, json: bool, quiet: bool) -> Result<ExitCode> {
     let config = TrainConfig::from_file(&args.config)?;
     let steps = args.steps.unwrap_or(config.steps);
-    let mut trainer = Trainer::new(config, &args.output, args.cache.as_deref(), args.initial.as_deref())?;
+    let places =
+        Places { assets: args.assets.as_deref(), cache: args.cache.as_deref(), initial: args.initial.as_deref() };
+    let mut trainer = Trainer::new(config, &args.output, places)?;
     let console = Console { quiet: quiet || json };
     if args.prepare {
         trainer.prepare(|made| console.say(&format!("{made} samples")))?;
