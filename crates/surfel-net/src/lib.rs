@@ -21,6 +21,7 @@ pub mod model;
 pub mod nyquist;
 pub mod ops;
 pub mod seed;
+mod shipped;
 mod transformer;
 /// The modules against their PyTorch twins; inside the crate, because modules are private.
 #[cfg(test)]

@@ -60,6 +60,8 @@ pub enum WeightsCommand {
     Verify(WeightsFileArgs),
     /// Make weights from a checkpoint of SurfelSplat, MVSplat or UniMatch.
     Import(WeightsImportArgs),
+    /// Write trained weights again, small and with their licence, data and training log.
+    Pack(WeightsPackArgs),
 }
 
 /// How depth is found.
@@ -102,7 +104,7 @@ pub struct ReconstructArgs {
     pub size: Option<(usize, usize)>,
 
     /// How depth is found.
-    #[arg(long, value_enum, default_value_t = DepthMethod::Matching)]
+    #[arg(long, value_enum, default_value_t = DepthMethod::Network)]
     pub depth: DepthMethod,
 
     /// Weights of the network (default: those that ship with the program).
@@ -218,6 +220,32 @@ pub struct EvalDepthArgs {
 pub struct WeightsFileArgs {
     /// The file: .safetensors, or for `info` also .pth, .pt or .ckpt.
     pub file: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct WeightsPackArgs {
+    /// Weights of this program, as `train` writes them.
+    pub file: PathBuf,
+
+    /// File to write.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+
+    /// How values are stored.
+    #[arg(long, value_enum, default_value_t = WeightPrecision::F16)]
+    pub precision: WeightPrecision,
+
+    /// Under which terms the weights may be used.
+    #[arg(long, value_name = "TEXT")]
+    pub licence: Option<String>,
+
+    /// Text file that says what they were trained on.
+    #[arg(long, value_name = "FILE")]
+    pub data: Option<PathBuf>,
+
+    /// Text file that says how they were trained.
+    #[arg(long, value_name = "FILE")]
+    pub training: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -3,12 +3,11 @@
 use super::args::{DepthMethod, ReconstructArgs};
 use super::console::Console;
 use super::print_line;
-use anyhow::{Result, bail};
-use burn::tensor::Device;
+use anyhow::Result;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
-use surfel_net::{NetConfig, Preset, SurfelNet, checkpoint};
+use surfel_net::{Device, SurfelNet};
 use surfelsplat::reconstruct::{DepthSource, Options, Report, reconstruct};
 
 pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> {
@@ -42,14 +41,13 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
     Ok(ExitCode::SUCCESS)
 }
 
-/// The network with the given weights.
+/// The network of a weights file, or the one that ships.
 fn network(weights: Option<&Path>) -> Result<SurfelNet> {
     let device = Device::flex();
-    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device)?;
-    match weights {
-        Some(path) => Ok(checkpoint::load(net, path)?),
-        None => bail!("no trained weights ship with this program yet; name a file with --weights"),
-    }
+    Ok(match weights {
+        Some(path) => SurfelNet::from_file(path, &device)?,
+        None => SurfelNet::shipped(&device)?,
+    })
 }
 
 fn summary(report: &Report, out: &str) -> String {

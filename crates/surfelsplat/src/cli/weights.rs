@@ -1,6 +1,6 @@
-//! `surfelsplat weights info | verify | import`.
+//! `surfelsplat weights info | verify | import | pack`.
 
-use super::args::{NetPreset, WeightPrecision, WeightsCommand, WeightsFileArgs, WeightsImportArgs};
+use super::args::{NetPreset, WeightPrecision, WeightsCommand, WeightsFileArgs, WeightsImportArgs, WeightsPackArgs};
 use super::print_line;
 use anyhow::{Context, Result, bail};
 use serde_json::json;
@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use surfel_net::checkpoint::{self, About, Header, Precision};
 use surfel_net::import::{Reference, Source, import};
-use surfel_net::{Device, NetConfig, Preset};
+use surfel_net::{Device, NetConfig, Preset, SurfelNet};
 
 /// Fresh parameters are the same in every import.
 const SEED: u64 = 1;
@@ -18,6 +18,7 @@ pub fn run(command: &WeightsCommand, json: bool, quiet: bool) -> Result<ExitCode
         WeightsCommand::Info(args) => info(args, json),
         WeightsCommand::Verify(args) => verify(args, json, quiet),
         WeightsCommand::Import(args) => run_import(args, json, quiet),
+        WeightsCommand::Pack(args) => pack(args, quiet),
     }
 }
 
@@ -104,6 +105,30 @@ fn verify(args: &WeightsFileArgs, json: bool, quiet: bool) -> Result<ExitCode> {
     Ok(ExitCode::from(1))
 }
 
+/// Writes trained weights again, with what people need to know of them.
+fn pack(args: &WeightsPackArgs, quiet: bool) -> Result<ExitCode> {
+    let net = SurfelNet::from_file(&args.file, &Device::flex())?;
+    let text = |path: &Option<std::path::PathBuf>| -> Result<Option<String>> {
+        let read = |path: &std::path::PathBuf| {
+            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+        };
+        path.as_ref().map(read).transpose()
+    };
+    let about = About { licence: args.licence.clone(), data: text(&args.data)?, training: text(&args.training)? };
+    checkpoint::save_as(&net, &args.output, precision(args.precision), &about)?;
+    if !quiet {
+        print_line(&format!("{}: written", args.output.display()));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn precision(precision: WeightPrecision) -> Precision {
+    match precision {
+        WeightPrecision::F16 => Precision::F16,
+        WeightPrecision::F32 => Precision::F32,
+    }
+}
+
 fn run_import(args: &WeightsImportArgs, json: bool, quiet: bool) -> Result<ExitCode> {
     let config = match &args.config {
         Some(path) => {
@@ -131,11 +156,7 @@ fn run_import(args: &WeightsImportArgs, json: bool, quiet: bool) -> Result<ExitC
         data: Some(format!("as {name}, weights of {whose}, of which {} tensors were taken", report.taken.len())),
         training: Some(report.notes.join("\n")).filter(|notes| !notes.is_empty()),
     };
-    let precision = match args.precision {
-        WeightPrecision::F16 => Precision::F16,
-        WeightPrecision::F32 => Precision::F32,
-    };
-    checkpoint::save_as(&net, &args.output, precision, &about)?;
+    checkpoint::save_as(&net, &args.output, precision(args.precision), &about)?;
     if json {
         print_line(&serde_json::to_string_pretty(&json!({ "output": args.output, "report": report }))?);
     } else if !quiet {
