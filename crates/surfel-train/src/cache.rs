@@ -174,13 +174,11 @@ mod tests {
 
     #[test]
     fn a_cached_sample_is_the_sample() {
-        let config =
-            SourceConfig { assets: None, seed: 3, width: 48, height: 32, num_views: 2, room_share: 0.0 };
+        let config = SourceConfig { assets: None, seed: 3, width: 48, height: 32, num_views: 2, room_share: 0.0 };
         let open = || Source::open(&config, Split::Train).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();
-        let (fresh, first, second) =
-            (open().sample(5).unwrap(), cache.sample(5).unwrap(), cache.sample(5).unwrap());
+        let (fresh, first, second) = (open().sample(5).unwrap(), cache.sample(5).unwrap(), cache.sample(5).unwrap());
         for cached in [&first, &second] {
             assert_eq!(cached.cameras, fresh.cameras);
             assert_eq!(cached.depth, fresh.depth);
