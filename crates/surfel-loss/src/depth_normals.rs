@@ -25,7 +25,7 @@ pub fn depth_normals(depth: Tensor<2>, intrinsics: &Intrinsics) -> Option<DepthN
     if height < 3 || width < 3 {
         return None;
     }
-    let unit = depth.clone().detach().max().clamp_min(f32::MIN_POSITIVE).reshape([1, 1]);
+    let unit = depth.clone().without_autodiff().max().clamp_min(f32::MIN_POSITIVE).reshape([1, 1]);
     let z = depth.clone() / unit;
     let centre = intrinsics.principal_index();
     let slopes = |len: usize, centre: f64, focal: f64, shape: [usize; 2]| {

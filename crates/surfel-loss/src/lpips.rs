@@ -30,7 +30,7 @@ pub struct Lpips {
 }
 
 impl Lpips {
-    /// Reads the weights; put them on the device of the training tensors, which is an autodiff one.
+    /// Reads the weights. A device without autodiff will do: gradients flow through constants all the same.
     ///
     /// # Errors
     /// [`WeightsError`] when the file cannot be read, is damaged, or holds another network.

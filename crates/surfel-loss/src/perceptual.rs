@@ -34,7 +34,7 @@ impl Perceptual {
             Self::Lpips(lpips) => lpips.distance(picture, photograph),
             Self::Ssim => {
                 check_pair("SSIM", SIDE, picture.dims(), photograph.dims())?;
-                Ok(1.0 - ssim(picture, photograph))
+                Ok(-ssim(picture, photograph) + 1.0)
             }
         }
     }

@@ -13,6 +13,7 @@ const FINEST: f64 = 1e-4;
 /// If the maps differ in size (a programmer's error).
 pub fn silhouette(alpha: Tensor<2>, mask: Tensor<2>) -> Tensor<1> {
     let alpha = alpha.clamp(FINEST, 1.0 - FINEST);
-    let off = (1.0 - mask.clone()) * (1.0 - alpha.clone()).log();
+    let complement = |map: &Tensor<2>| -map.clone() + 1.0;
+    let off = complement(&mask) * complement(&alpha).log();
     -(mask * alpha.log() + off).mean()
 }

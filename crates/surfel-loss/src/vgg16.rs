@@ -56,7 +56,7 @@ impl Vgg16 {
         let mut outputs: Vec<Tensor<4>> = Vec::with_capacity(self.stages.len());
         for stage in &self.stages {
             let input = match outputs.last() {
-                Some(last) => max_pool2d(last.clone(), MaxPoolOptions::new([2, 2], [2, 2], [0, 0], [1, 1], false)),
+                Some(last) => max_pool2d(last.clone(), MaxPoolOptions::new([2, 2])),
                 None => images.clone(),
             };
             outputs.push(stage.iter().fold(input, |map, convolution| {

@@ -99,5 +99,5 @@ fn alignment_gradients_reach_all_three_maps() {
 
 #[test]
 fn ssim_gradient() {
-    check(picture(15, 13, 0.0), 5e-3, |p| 1.0 - ssim(p.clone(), on(&p, picture(15, 13, 0.8))));
+    check(picture(15, 13, 0.0), 5e-3, |p| -ssim(p.clone(), on(&p, picture(15, 13, 0.8))));
 }

@@ -83,31 +83,30 @@ fn equal_pictures_are_equal_and_order_does_not_matter() {
 
 #[test]
 fn gradient_equals_finite_differences_and_is_finite_at_equal_pictures() {
-    const SIDE: usize = 16;
-    let device = Device::flex().autodiff();
-    let (tracking, plain) = (random_lpips(&device), random_lpips(&Device::flex()));
-    let on_device = |tensor: Tensor<3>| Tensor::<3>::from_data(tensor.into_data(), &device);
+    const SIDE: usize = 32;
+    let lpips = random_lpips(&Device::flex());
     let gradient = |phase: f64| -> Vec<f32> {
-        let start = on_device(picture(SIDE, SIDE, phase)).require_grad();
-        let loss = tracking.distance(start.clone(), on_device(picture(SIDE, SIDE, 0.8))).expect("large enough");
+        let start = picture(SIDE, SIDE, phase).autodiff().require_grad();
+        let loss = lpips.distance(start.clone(), picture(SIDE, SIDE, 0.8)).expect("large enough");
         start.grad(&loss.backward()).expect("tracked").into_data().try_into_vec().expect("f32")
     };
     assert!(gradient(0.8).iter().all(|g| g.is_finite()));
 
     let found = gradient(0.0);
     let values: Vec<f32> = picture(SIDE, SIDE, 0.0).into_data().try_into_vec().expect("f32");
-    // One direction through all values at once: single ones drown in the rounding of fifteen layers.
+    // One direction through all values at once: single ones drown in the rounding of thirteen layers, and a larger
+    // step crosses the kinks of the rectifiers.
     let mut rng = StdRng::seed_from_u64(2);
     for _ in 0..3 {
         let direction: Vec<f32> = values.iter().map(|_| rng.random_range(-1.0..1.0)).collect();
         let at = |step: f32| {
             let moved: Vec<f32> = values.iter().zip(&direction).map(|(v, d)| v + step * d).collect();
             let moved = Tensor::from_data(TensorData::new(moved, [3, SIDE, SIDE]), &Device::flex());
-            value(plain.distance(moved, picture(SIDE, SIDE, 0.8)).expect("large enough"))
+            value(lpips.distance(moved, picture(SIDE, SIDE, 0.8)).expect("large enough"))
         };
-        let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
+        let difference = (at(2e-4) - at(-2e-4)) / 4e-4;
         let analytic: f64 = found.iter().zip(&direction).map(|(g, d)| f64::from(g * d)).sum();
-        assert!((analytic - difference).abs() < 0.02 * difference.abs().max(0.05), "{analytic} vs {difference}");
+        assert!((analytic - difference).abs() < 0.03 * difference.abs().max(0.05), "{analytic} vs {difference}");
     }
 }
 

@@ -38,7 +38,8 @@ pub fn surfels(unit: f64) -> Surfels {
     out
 }
 
-pub fn tensors(surfels: &Surfels, device: &Device) -> SurfelTensors {
+pub fn tensors(surfels: &Surfels) -> SurfelTensors {
+    let device = &Device::flex().autodiff();
     let n = surfels.len();
     let matrix = |values: &[f32], columns: usize| -> Tensor<2> {
         Tensor::from_data(TensorData::new(values.to_vec(), [n, columns]), device)

@@ -2,12 +2,11 @@
 
 use crate::known::{map, picture, value, vectors};
 use crate::scene::{HEIGHT, WIDTH, camera, maps, range, surfels, tensors};
-use burn::tensor::Device;
 use surfel_core::Grid;
 use surfel_loss::{Perceptual, Recipe, Truth, depth, opacity, view_terms};
 
 fn losses(unit: f64) -> Vec<(&'static str, f64)> {
-    let tensors = tensors(&surfels(unit), &Device::flex());
+    let tensors = tensors(&surfels(unit));
     let rendered = maps(&tensors, unit);
     let tilted = Grid::filled(WIDTH, HEIGHT, [0.6f32, 0.0, -0.8]);
     let measured = map(WIDTH, HEIGHT, |x, y| (unit * (1.8 + 0.01 * x as f64 + 0.02 * y as f64)) as f32);

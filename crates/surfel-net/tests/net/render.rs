@@ -45,7 +45,8 @@ fn surfels(count: usize, sh_degree: usize, seed: u64) -> Surfels {
     out
 }
 
-fn tensors(surfels: &Surfels, device: &Device) -> SurfelTensors {
+fn tensors(surfels: &Surfels) -> SurfelTensors {
+    let device = &Device::flex().autodiff();
     let n = surfels.len();
     let matrix = |values: &[f32], columns: usize| -> Tensor<2> {
         Tensor::from_data(TensorData::new(values.to_vec(), [n, columns]), device)
@@ -98,7 +99,7 @@ fn loss(maps: &RenderedMaps, grads: &MapGrads) -> Tensor<1> {
 
 /// Gradients of centres, scales, rotations, opacities and SH through burn, flat.
 fn burn_grads(scene: &Surfels, weights: &MapGrads) -> [Vec<f32>; 5] {
-    let surfels = tensors(scene, &Device::flex().autodiff());
+    let surfels = tensors(scene);
     let maps = render(&surfels, &camera(1.0), &config()).expect("a sound scene");
     let grads = loss(&maps, weights).backward();
     let matrix = |tensor: &Tensor<2>| values(&tensor.grad(&grads).expect("tracked"));
@@ -114,7 +115,7 @@ fn burn_grads(scene: &Surfels, weights: &MapGrads) -> [Vec<f32>; 5] {
 #[test]
 fn maps_are_the_rasterizers() {
     let scene = surfels(60, 2, 1);
-    let maps = render(&tensors(&scene, &Device::flex()), &camera(1.0), &config()).expect("a sound scene");
+    let maps = render(&tensors(&scene), &camera(1.0), &config()).expect("a sound scene");
     let direct = surfel_raster::render(&SurfelSlices::from(&scene), &camera(1.0), &config()).expect("a sound scene");
     assert!(direct.alpha.as_slice().iter().filter(|&&a| a > 0.5).count() > PIXELS / 4, "too little is seen");
     let interleaved = |map: &Tensor<3>| values(&map.clone().permute([1, 2, 0]));
@@ -196,9 +197,8 @@ fn gradients_through_burn_equal_finite_differences() {
 
 #[test]
 fn only_what_asks_for_gradients_gets_them() {
-    let device = Device::flex().autodiff();
-    let mut surfels = tensors(&surfels(10, 0, 6), &device);
-    surfels.centres = surfels.centres.detach();
+    let mut surfels = tensors(&surfels(10, 0, 6));
+    surfels.centres = surfels.centres.set_require_grad(false);
     let maps = render(&surfels, &camera(1.0), &config()).expect("a sound scene");
     let grads = maps.alpha.sum().backward();
     assert!(surfels.centres.grad(&grads).is_none());
@@ -207,7 +207,7 @@ fn only_what_asks_for_gradients_gets_them() {
 
 #[test]
 fn a_loss_that_is_not_finite_poisons_the_gradients_and_nothing_panics() {
-    let surfels = tensors(&surfels(10, 0, 7), &Device::flex().autodiff());
+    let surfels = tensors(&surfels(10, 0, 7));
     let maps = render(&surfels, &camera(1.0), &config()).expect("a sound scene");
     let grads = (maps.alpha.sum() * f32::NAN).backward();
     assert!(values(&surfels.scales.grad(&grads).expect("tracked")).iter().all(|g| g.is_nan()));
@@ -221,7 +221,7 @@ fn a_scene_in_other_units_renders_the_same() {
     large.scales.as_flattened_mut().iter_mut().for_each(|s| *s *= 1000.0);
     let maps = |surfels: &Surfels, unit: f64| {
         let config = DepthRange { near: RANGE.near * unit, far: RANGE.far * unit }.render_config();
-        render(&tensors(surfels, &Device::flex()), &camera(unit), &config).expect("a sound scene")
+        render(&tensors(surfels), &camera(unit), &config).expect("a sound scene")
     };
     let (small, large) = (maps(&small, 1.0), maps(&large, 1000.0));
     let close = |a: Vec<f32>, b: Vec<f32>| {
@@ -236,7 +236,7 @@ fn a_scene_in_other_units_renders_the_same() {
 #[test]
 fn what_cannot_be_rendered_is_refused() {
     let device = Device::flex().autodiff();
-    let sound = || tensors(&surfels(5, 0, 9), &device);
+    let sound = || tensors(&surfels(5, 0, 9));
     let mut blind = camera(1.0);
     blind.intrinsics.fx = 0.0;
     assert!(matches!(render(&sound(), &blind, &config()), Err(RasterError::Camera { .. })));
@@ -252,7 +252,7 @@ fn what_cannot_be_rendered_is_refused() {
 #[test]
 fn no_surfels_show_the_background() {
     let nothing = Surfels { sh_degree: 1, ..Surfels::default() };
-    let maps = render(&tensors(&nothing, &Device::flex()), &camera(1.0), &config()).expect("nothing is no error");
+    let maps = render(&tensors(&nothing), &camera(1.0), &config()).expect("nothing is no error");
     assert_eq!(values(&maps.alpha), vec![0.0; PIXELS]);
     assert_eq!(values(&maps.colour.narrow(0, 2, 1)), vec![0.6; PIXELS]);
 }
