@@ -56,7 +56,7 @@ pub fn render(surfels: &SurfelTensors, camera: &Camera, config: &RenderConfig) -
     check(surfels)?;
     config.validate()?;
     PixelCamera::new(camera)?;
-    let planes = render_planes(surfels, RenderJob::new(camera.clone(), *config, surfels.sh_degree));
+    let planes = render_planes(surfels, RenderJob::new(*camera, *config, surfels.sh_degree));
     let size = [camera.height, camera.width];
     let vector = |range: std::ops::Range<usize>| planes.clone().narrow(0, range.start, range.len());
     let scalar = |index: usize| planes.clone().narrow(0, index, 1).reshape(size);
