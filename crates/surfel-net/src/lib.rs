@@ -2,7 +2,8 @@
 //!
 //! Sits between the photographs and the rasterizer. The folders follow the paper's algorithm 1: `features`,
 //! `transformer`, `cost_volume`, `unet`, `depth`, `head`, `nyquist`, `aggregate`; `model` strings them
-//! together. Invariant: the graph knows no unit of length; depth inside it is relative disparity.
+//! together, and `render` shows the surfels to a camera for training. Invariant: the graph knows no unit of
+//! length; depth inside it is relative disparity.
 
 // burn's nested tensor types exceed the compiler's default depth.
 #![recursion_limit = "256"]
@@ -20,6 +21,7 @@ mod layers;
 pub mod model;
 pub mod nyquist;
 pub mod ops;
+mod render;
 pub mod seed;
 mod shipped;
 mod transformer;
@@ -37,4 +39,5 @@ pub use cost_volume::DepthRange;
 pub use head::SurfelTensors;
 pub use input::{InputError, SceneInput};
 pub use model::{Prediction, SurfelNet};
+pub use render::{RenderedMaps, render};
 pub use seed::Seed;

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use surfel_core::{Camera, Grid};
 
 /// What [`crate::backward`] needs to remember of a rendering.
+#[derive(Debug)]
 pub struct Tape {
     pub(crate) camera: PixelCamera,
     pub(crate) config: RenderConfig,

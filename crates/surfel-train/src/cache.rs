@@ -179,8 +179,7 @@ mod tests {
         let open = || Source::open(&config, Split::Train, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();
-        let (fresh, first, second) =
-            (open().sample(5).unwrap(), cache.sample(5).unwrap(), cache.sample(5).unwrap());
+        let (fresh, first, second) = (open().sample(5).unwrap(), cache.sample(5).unwrap(), cache.sample(5).unwrap());
         for cached in [&first, &second] {
             assert_eq!(cached.cameras, fresh.cameras);
             assert_eq!(cached.depth, fresh.depth);

@@ -32,7 +32,9 @@ pub enum TrainError {
         reason: String,
     },
     /// A checkpoint of another run.
-    #[error("{path} is a checkpoint of another run ({reason}); give another output folder or the configuration it was made with")]
+    #[error(
+        "{path} is a checkpoint of another run ({reason}); give another output folder or the configuration it was made with"
+    )]
     OtherRun {
         /// The checkpoint.
         path: PathBuf,

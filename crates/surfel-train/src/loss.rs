@@ -110,7 +110,8 @@ impl Truth {
         };
         let steps: Vec<f32> = sample.seeds.iter().map(|seed| 1.0 / seed.step).collect();
         let normals: Vec<f32> = sample.normal.iter().flat_map(|map| map.as_slice().as_flattened()).copied().collect();
-        let known: Vec<f32> = normals.as_chunks::<3>().0.iter().map(|n| if *n == [0.0; 3] { 0.0 } else { 1.0 }).collect();
+        let known: Vec<f32> =
+            normals.as_chunks::<3>().0.iter().map(|n| if *n == [0.0; 3] { 0.0 } else { 1.0 }).collect();
         let count = views * width * height;
         Self {
             inverse_depth: maps(&|z| if z > 0.0 { 1.0 / z } else { 1.0 }),

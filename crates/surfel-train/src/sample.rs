@@ -42,10 +42,8 @@ impl Sample {
     pub fn of(rendered: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
         // Photographs have 8 bits, and a sample read back from disk must be the one that was matched.
         let in_8_bits = |rgb: &[f32; 3]| rgb.map(|c| (255.0 * c).round().clamp(0.0, 255.0) / 255.0);
-        let view = |rendered: &RenderedView| View {
-            image: rendered.view.image.map(in_8_bits),
-            ..rendered.view.clone()
-        };
+        let view =
+            |rendered: &RenderedView| View { image: rendered.view.image.map(in_8_bits), ..rendered.view.clone() };
         let views: Vec<View> = rendered.iter().map(view).collect();
         let range = searched_range(rendered, random).ok_or(TrainError::EmptyScene)?;
         let ranges = vec![range; views.len()];

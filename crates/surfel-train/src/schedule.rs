@@ -49,9 +49,8 @@ mod tests {
 
     #[test]
     fn golden_rates() {
-        let shared = std::env::var("SURFELSPLAT_SHARED").unwrap_or_else(|_| {
-            concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_owned()
-        });
+        let shared = std::env::var("SURFELSPLAT_SHARED")
+            .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_owned());
         let path = std::path::Path::new(&shared).join("design/golden_vectors.json");
         let Ok(text) = std::fs::read_to_string(&path) else {
             eprintln!("SKIPPED: {} is missing; set SURFELSPLAT_SHARED", path.display());

@@ -316,7 +316,8 @@ impl Meter {
 
 impl StepReport {
     fn to_json(&self) -> serde_json::Value {
-        let terms: serde_json::Map<_, _> = self.terms.iter().map(|(name, v)| ((*name).to_owned(), (*v).into())).collect();
+        let terms: serde_json::Map<_, _> =
+            self.terms.iter().map(|(name, v)| ((*name).to_owned(), (*v).into())).collect();
         serde_json::json!({
             "step": self.step, "loss": self.loss, "terms": terms, "gradient_norm": self.gradient_norm,
             "rate": self.rate, "seconds_per_step": self.seconds_per_step,

@@ -6,8 +6,8 @@ use crate::error::TrainError;
 use crate::sample::Sample;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
-use surfel_core::normals::normal_from_gradient;
 use surfel_core::Camera;
+use surfel_core::normals::normal_from_gradient;
 use surfel_net::SurfelNet;
 
 /// Scores over the pixels of some samples, all or those of objects.
@@ -107,7 +107,8 @@ pub fn validate(
                 let error = |z: f32| ((z - truth) / truth).abs();
                 let k = v * pixels + i;
                 let pixel = (i % camera.width, i / camera.width);
-                let matched = (error(1.0 / plane[0]), seed.confidence.as_slice()[i], plane_normal(camera, pixel, plane));
+                let matched =
+                    (error(1.0 / plane[0]), seed.confidence.as_slice()[i], plane_normal(camera, pixel, plane));
                 let learned = (error(depth[k]), confidence[k], surfel_normal(camera, pixel, rotations[k]));
                 let normal = sample.normal[v].as_slice()[i];
                 for (method, (relative, confidence, predicted)) in [matched, learned].into_iter().enumerate() {
@@ -143,4 +144,3 @@ fn surfel_normal(camera: &Camera, (x, y): (usize, usize), [w, i, j, k]: [f32; 4]
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec().expect("a network runs in f32")
 }
-

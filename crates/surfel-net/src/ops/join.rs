@@ -40,7 +40,8 @@ pub trait SurfelOps: Backend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
-fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
+/// A tensor of the CPU backend.
+pub(super) fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 

@@ -6,9 +6,12 @@
 pub mod gather_attention;
 mod join;
 mod join_propagate;
+mod join_render;
 pub mod plane_sweep;
 pub mod propagate;
+pub mod render;
 mod vector;
 
 pub use join::{gather_attention, plane_sweep};
 pub use join_propagate::propagate as propagate_planes;
+pub(crate) use join_render::render_planes;

@@ -9,4 +9,5 @@ mod plane_sweep;
 mod propagate;
 mod reference_names;
 mod region;
+mod render;
 mod seeded;

@@ -61,8 +61,9 @@ pub fn reconstruct(
     let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
     let road = Road::new(&input, &range)?;
     let features = log.stage(Stage::Features, || features_of(&road.views))?;
-    let matched =
-        log.stage(Stage::Depth, || match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching));
+    let matched = log.stage(Stage::Depth, || {
+        match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
+    });
     let (estimates, surfels) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
     let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
     let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;

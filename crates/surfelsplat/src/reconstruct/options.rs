@@ -1,8 +1,8 @@
 //! What a person may choose about a reconstruction; everything left `None` is chosen from the data and reported.
 
 use crate::reconstruct::surfels::SurfelConfig;
-use surfel_io::scene::{FormatKind, Scene};
 use std::sync::Arc;
+use surfel_io::scene::{FormatKind, Scene};
 use surfel_net::SurfelNet;
 use surfel_pair::PoseMistake;
 use surfel_stereo::MatchConfig;
