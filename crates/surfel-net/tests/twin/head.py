@@ -10,6 +10,7 @@ from cameras import quaternion
 from layers import Conv
 
 NUM_SHAPE = 6
+FRESH_PX = 0.6
 
 
 @dataclass
@@ -24,13 +25,22 @@ class Surfels:
 
 
 class AttributeHead(nn.Module):
-    def __init__(self, features, sh_degree):
+    """A neutral head, that of a seeded network, adds a tenth of its output to discs of 0.6 pixel in the surface."""
+
+    def __init__(self, features, config, neutral=False):
         super().__init__()
-        outputs = NUM_SHAPE + 3 * (sh_degree + 1) ** 2
-        self.first, self.second = Conv(features, 2 * outputs, 3), Conv(2 * outputs, outputs, 3)
+        outputs = NUM_SHAPE + 3 * (config["sh_degree"] + 1) ** 2
+        hidden = config.get("hidden_channels", 2 * outputs)
+        self.first, self.second = Conv(features, hidden, 3), Conv(hidden, outputs, 3)
+        self.start, self.gain = torch.zeros(1, outputs, 1, 1, dtype=torch.float64), 0.1 if neutral else 1.0
+        if neutral:
+            low, high = config["scale_min"], config["scale_max"]
+            share = torch.tensor((FRESH_PX / 0.2 - low) / (high - low), dtype=torch.float64)
+            self.start[:, :2] = share.clamp(0.01, 0.99).logit()
+            self.start[:, 2] = 1
 
     def forward(self, features):
-        return self.second(F.gelu(self.first(features)))
+        return self.gain * self.second(F.gelu(self.first(features))) + self.start.to(features.dtype)
 
 
 def surfels_of(attributes, depth, opacity, cameras, config, base=None):

@@ -220,7 +220,7 @@ def refine():
 
 @case
 def attributes():
-    module = filled(AttributeHead(10, CONFIG["head"]["sh_degree"]), 60)
+    module = filled(AttributeHead(10, CONFIG["head"]), 60)
     write("attributes", module, {"features": random(61, 2, 10, 4, 5)}, module)
 
 
@@ -369,7 +369,7 @@ def seeded_network():
     correlation, confidence = random(116, 2, 1, 11, 18), random(117, 2, 1, 11, 18, low=0)
     given = {"planes": planes, "evidence": evidence, "correlation": correlation, "confidence": confidence, "step": step}
     last_layer = lambda module: module.seeded.to_planes[1]
-    whole_network("seeded_network", config, last_layer, 0.1, images, rig, RANGES[:2], 4, Seeds(**given), given)
+    whole_network("seeded_network", config, last_layer, 1.0, images, rig, RANGES[:2], 4, Seeds(**given), given)
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ class Network(nn.Module):
             self.transformer = Transformer(channels, config["transformer"])
             self.coarse = CoarseDepth(channels, config["cost_volume"])
             self.refinement = Refinement(config)
-        self.head = AttributeHead(features, config["head"]["sh_degree"])
+        self.head = AttributeHead(features, config["head"], neutral="seeded" in config)
         self.aggregation = Aggregation(features, config["aggregation"])
 
     def forward(self, images, cameras, ranges, multiple, seeds=None):

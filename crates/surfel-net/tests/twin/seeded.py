@@ -13,7 +13,9 @@ from layers import Conv, GroupNorm, depth_to_space, space_to_depth, upsample
 from matching import plane_sweep
 from unet import Unet
 
-OWN_LEAD = 6.0
+OWN_LEAD = 9.0
+# Steps, and tangents of tilt, that an output of one corrects.
+CORRECTION = 0.1
 FARTHEST = 64.0
 AROUND = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
 
@@ -120,13 +122,16 @@ class SeededRefinement(nn.Module):
         lead = torch.zeros(1, count, 1, 1, dtype=output.dtype)
         lead[:, 0] = OWN_LEAD
         per_pixel = depth_to_space(output[:, count:], stride)
-        planes = propagated(output[:, :count] + lead, proposals, stride) + per_pixel[:, :3]
+        planes = propagated(output[:, :count] + lead, proposals, stride)
         density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
-        moved = planes[:, :1] * step + seeds.planes[:, :1]
+        moved = (planes[:, :1] + CORRECTION * per_pixel[:, :1]) * step + seeds.planes[:, :1]
+        # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
+        focal = cameras.intrinsics[:, :2, None, None].to(output.dtype)
+        slopes = planes[:, 1:] * step + CORRECTION * per_pixel[:, 1:3] / focal * seeds.planes[:, :1]
         near, far = (torch.tensor(ends, dtype=output.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
         disparity = ((moved - 1 / far) / (1 / near - 1 / far)).clamp(0, 1)
         features = torch.cat([upsample(refined, stride), images, upsample(upsampled, stride)], dim=1)
-        return disparity, density, features, planes[:, 1:] * step
+        return disparity, density, features, slopes
 
 
 def normals_away(cameras, disparity, slopes):
