@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
-use surfel_net::{NetConfig, Preset, SurfelNet, checkpoint};
+use surfel_net::{CheckpointError, NetConfig, Preset, SurfelNet, checkpoint};
 use surfelsplat::reconstruct::{DepthSource, Options, Report, reconstruct};
 
 pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> {
@@ -42,13 +42,17 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
     Ok(ExitCode::SUCCESS)
 }
 
-/// The network with the given weights.
+/// The network of the given file; one that does not say what it is, is taken for the preset that will ship.
 fn network(weights: Option<&Path>) -> Result<SurfelNet> {
     let device = Device::flex();
-    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device)?;
-    match weights {
-        Some(path) => Ok(checkpoint::load(net, path)?),
-        None => bail!("no trained weights ship with this program yet; name a file with --weights"),
+    let Some(path) = weights else {
+        bail!("no trained weights ship with this program yet; name a file with --weights");
+    };
+    match SurfelNet::from_file(path, &device) {
+        Err(CheckpointError::NoConfig { .. }) => {
+            Ok(checkpoint::load(SurfelNet::new(NetConfig::preset(Preset::Small), &device)?, path)?)
+        }
+        result => Ok(result?),
     }
 }
 
