@@ -47,6 +47,20 @@ pub fn cull(mesh: &TriMesh, rule: Cull, views: &[MaskedView]) -> TriMesh {
     }
 }
 
+impl Cull {
+    /// All rules, strictest published use first.
+    pub const ALL: [Self; 3] = [Self::Dense, Self::Sparse, Self::None];
+
+    /// The short name, as typed and tabulated.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dense => "dense",
+            Self::Sparse => "sparse",
+            Self::None => "none",
+        }
+    }
+}
+
 /// Keeps faces whose three vertices, in every view, fall on the dilated mask or outside the image.
 fn cull_dense(mesh: &TriMesh, views: &[MaskedView]) -> TriMesh {
     let dilated = dilated_masks(views, DENSE_RADIUS);
@@ -91,30 +105,47 @@ fn dilated_masks(views: &[MaskedView], radius_at_stated_width: f64) -> Vec<Maske
 }
 
 /// The mask grown by a disc: set wherever a set pixel lies within `radius` pixels.
+///
+/// Linear in the number of pixels: a set pixel `g` rows away covers a run of `sqrt(radius² - g²)` to either side of
+/// its column, so a row of the result is the union of the runs of the nearest set pixels above and below.
 pub fn dilated(mask: &Grid<bool>, radius: f64) -> Grid<bool> {
     let (width, height) = (mask.width(), mask.height());
-    // Number of set pixels left of each column, so that a run is tested by one subtraction.
-    let counts: Vec<Vec<u32>> = (0..height)
-        .map(|y| {
-            let mut sum = 0;
-            std::iter::once(0)
-                .chain(mask.row(y).iter().map(|&set| {
-                    sum += u32::from(set);
-                    sum
-                }))
-                .collect()
-        })
-        .collect();
-    let reach = radius.floor() as isize;
+    let reach = radius.max(0.0).floor() as usize;
     let half_widths: Vec<usize> =
-        (-reach..=reach).map(|dy| (radius * radius - (dy * dy) as f64).sqrt().floor() as usize).collect();
-    Grid::from_fn(width, height, |x, y| {
-        (-reach..=reach).zip(&half_widths).any(|(dy, &half)| {
-            let row = y as isize + dy;
-            let Some(counts) = usize::try_from(row).ok().and_then(|row| counts.get(row)) else { return false };
-            counts[(x + half + 1).min(width)] > counts[x.saturating_sub(half)]
-        })
-    })
+        (0..=reach).map(|g| (radius * radius - (g * g) as f64).sqrt().floor() as usize).collect();
+    let rows = rows_to_nearest(mask, reach + 1);
+    let mut grown = vec![false; width * height];
+    grown.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        // How many runs begin minus how many have ended, per column.
+        let mut steps = vec![0i32; width + 1];
+        for (x, &g) in rows.row(y).iter().enumerate().filter(|(_, g)| **g <= reach) {
+            steps[x.saturating_sub(half_widths[g])] += 1;
+            steps[(x + half_widths[g] + 1).min(width)] -= 1;
+        }
+        let mut open = 0;
+        for (pixel, step) in row.iter_mut().zip(steps) {
+            open += step;
+            *pixel = open > 0;
+        }
+    });
+    Grid::from_vec(width, height, grown)
+}
+
+/// Rows between each pixel and the nearest set pixel of its column; `far` where there is none nearer than that.
+fn rows_to_nearest(mask: &Grid<bool>, far: usize) -> Grid<usize> {
+    let (width, height) = (mask.width(), mask.height());
+    let mut rows = mask.map(|&set| if set { 0 } else { far });
+    for y in 1..height {
+        for x in 0..width {
+            rows[(x, y)] = rows[(x, y)].min(rows[(x, y - 1)] + 1);
+        }
+    }
+    for y in (0..height.saturating_sub(1)).rev() {
+        for x in 0..width {
+            rows[(x, y)] = rows[(x, y)].min(rows[(x, y + 1)] + 1);
+        }
+    }
+    rows
 }
 
 #[cfg(test)]
@@ -156,6 +187,16 @@ mod tests {
             mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
         }
         mesh
+    }
+
+    #[test]
+    fn an_empty_mask_stays_empty_and_one_pixel_becomes_a_disc() {
+        let empty = Grid::filled(9, 7, false);
+        assert_eq!(dilated(&empty, 3.0), empty);
+        let mut dot = empty;
+        dot[(4, 3)] = true;
+        assert_eq!(dilated(&dot, 2.0).as_slice().iter().filter(|&&set| set).count(), 13);
+        assert_eq!(dilated(&Grid::filled(0, 0, false), 2.0).len(), 0);
     }
 
     #[test]

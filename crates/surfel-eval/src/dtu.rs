@@ -95,6 +95,18 @@ pub fn score_dtu_points(data: &[[f32; 3]], reference: &DtuReference, settings: &
     DtuScore { d2s, s2d, overall: (d2s + s2d) / 2.0, num_data_points: seen.len(), num_surface_points: surface.len() }
 }
 
+/// Scores a mesh against reference points alone, without an observed volume or a table plane (mm).
+///
+/// The same sampling, thinning and limit as the protocol, for references that are not the official ones.
+pub fn score_against_points(mesh: &TriMesh, reference: &[[f32; 3]], settings: &DtuSettings) -> DtuScore {
+    let sampled = sample_mesh(mesh, settings.spacing);
+    let data = selected(&sampled, &thin(&sampled, settings.spacing, settings.seed));
+    let limit = settings.limit;
+    let d2s = mean_distance(&Nearest::new(reference).distances(&data, limit), limit, Beyond::Discard);
+    let s2d = mean_distance(&Nearest::new(&data).distances(reference, limit), limit, Beyond::Discard);
+    DtuScore { d2s, s2d, overall: (d2s + s2d) / 2.0, num_data_points: data.len(), num_surface_points: reference.len() }
+}
+
 impl ObservedVolume {
     /// Within `margin` below and `2 margin` above the bounding box.
     fn is_near(&self, point: [f32; 3], margin: f32) -> bool {
@@ -148,6 +160,36 @@ mod tests {
         assert!(per_square_mm > 400.0 && per_square_mm < 1100.0, "{per_square_mm} points per mm");
         assert_eq!(score.num_surface_points, 200 * 149);
         assert_eq!(score, score_dtu(&square(6.0), &reference(), &settings), "same result twice");
+    }
+
+    #[test]
+    fn concentric_spheres_score_the_difference_of_their_radii() {
+        // A sphere of triangles much finer than the difference, against points on a larger one.
+        let vertex = |radius: f64, i: u32, j: u32| {
+            let (a, b) = (f64::from(i) / 120.0 * std::f64::consts::TAU, f64::from(j) / 60.0 * std::f64::consts::PI);
+            [radius * b.sin() * a.cos(), radius * b.sin() * a.sin(), radius * b.cos()].map(|c| c as f32)
+        };
+        let mut mesh = TriMesh::default();
+        for j in 0..=60 {
+            mesh.positions.extend((0..120).map(|i| vertex(20.0, i, j)));
+        }
+        let at = |i: u32, j: u32| j * 120 + i % 120;
+        for j in 0..60 {
+            for i in 0..120 {
+                mesh.triangles
+                    .extend([[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]);
+            }
+        }
+        let golden = |n: u32| {
+            let z = 1.0 - (2.0 * f64::from(n) + 1.0) / 200_000.0;
+            let (r, a) = ((1.0 - z * z).sqrt(), 2.399_963_229_728_653 * f64::from(n));
+            [21.0 * r * a.cos(), 21.0 * r * a.sin(), 21.0 * z].map(|c| c as f32)
+        };
+        let points: Vec<[f32; 3]> = (0..200_000).map(golden).collect();
+        let score = score_against_points(&mesh, &points, &DtuSettings::default());
+        // Facets lie up to 0.03 mm inside the sphere, points are 0.2 mm apart.
+        assert!((score.d2s - 1.0).abs() < 0.03 && (score.s2d - 1.0).abs() < 0.03, "{score:?}");
+        assert_eq!(score.num_surface_points, 200_000);
     }
 
     #[test]

@@ -4,9 +4,9 @@
 
 use crate::dtu::{DtuReference, ObservedVolume};
 use crate::mat::{MatArray, MatError, MatValues, read_mat};
-use crate::ply::{PlyError, read_ply};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use surfel_io::ply::{PlyError, read_ply};
 
 /// Why the reference of a scan cannot be opened.
 #[derive(Debug, thiserror::Error)]

@@ -34,6 +34,48 @@ pub struct NormalScore {
     pub mse_mean: f64,
 }
 
+impl NormalScore {
+    /// The plain mean over maps; angles and errors are averaged over the maps that have a prediction. `None` for an
+    /// empty slice.
+    pub fn mean(scores: &[Self]) -> Option<Self> {
+        if scores.is_empty() {
+            return None;
+        }
+        let mean = |field: fn(&Self) -> f64| {
+            let values: Vec<f64> = scores.iter().map(field).filter(|v| !v.is_nan()).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        };
+        Some(Self {
+            num_reference: scores.iter().map(|s| s.num_reference).sum(),
+            coverage: mean(|s| s.coverage),
+            mean_angle_deg: mean(|s| s.mean_angle_deg),
+            median_angle_deg: mean(|s| s.median_angle_deg),
+            within_11_25_deg: mean(|s| s.within_11_25_deg),
+            within_30_deg: mean(|s| s.within_30_deg),
+            mse_sum: mean(|s| s.mse_sum),
+            mse_mean: mean(|s| s.mse_mean),
+        })
+    }
+}
+
+/// Unit vectors of a map in which zero (or anything else that is no direction) means none.
+pub fn normal_map(normals: &Grid<[f32; 3]>) -> NormalMap {
+    normals.map(|&n| {
+        let n = glam::Vec3::from(n);
+        n.try_normalize().map(|n| n.to_array())
+    })
+}
+
+/// The map with every pixel outside `mask` left out.
+///
+/// # Panics
+/// If the two differ in size.
+pub fn normals_within(normals: &NormalMap, mask: &Grid<bool>) -> NormalMap {
+    assert!(normals.same_size(mask), "normal map and mask differ in size");
+    let kept = normals.as_slice().iter().zip(mask.as_slice()).map(|(&n, &inside)| n.filter(|_| inside));
+    Grid::from_vec(normals.width(), normals.height(), kept.collect())
+}
+
 /// Compares two normal maps of the same raster; `None` when the reference has no normal.
 ///
 /// # Panics
@@ -114,6 +156,19 @@ mod tests {
         assert!((score.coverage - 5.0 / 6.0).abs() < 1e-12 && (score.within_11_25_deg - 5.0 / 6.0).abs() < 1e-12);
         let chord = 2.0 * 5.0f64.to_radians().sin();
         assert!((score.mse_sum - chord * chord).abs() < 1e-6 && (score.mse_mean * 3.0 - score.mse_sum).abs() < 1e-12);
+    }
+
+    #[test]
+    fn zero_is_no_normal_and_the_mean_leaves_silent_maps_out() {
+        let map = normal_map(&Grid::from_vec(3, 1, vec![[0.0; 3], [0.0, 0.0, -2.0], [f32::NAN, 0.0, 1.0]]));
+        assert_eq!(map.as_slice(), [None, Some([0.0, 0.0, -1.0]), None]);
+        let only_last = normals_within(&map, &Grid::from_vec(3, 1, vec![true, false, true]));
+        assert!(only_last.as_slice().iter().all(Option::is_none));
+        let full = score_normals(&map, &map).unwrap();
+        let silent = score_normals(&only_last, &map).unwrap();
+        let mean = NormalScore::mean(&[full, silent]).unwrap();
+        assert_eq!((mean.coverage, mean.mean_angle_deg, mean.num_reference), (0.5, 0.0, 2));
+        assert!(NormalScore::mean(&[]).is_none());
     }
 
     #[test]

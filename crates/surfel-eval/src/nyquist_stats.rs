@@ -3,6 +3,7 @@
 //! Collects [`frequency_ratio`] of the finer axis of each surfel: above 1 the images cannot have determined it.
 //! Invariant: every surfel inside the depth range is counted once, in a bin or beyond the last one.
 
+use crate::depth_metrics::median;
 use serde::Serialize;
 use surfel_core::nyquist::{NyquistMode, adapt, frequency_ratio, sampling_rate};
 
@@ -61,6 +62,8 @@ pub struct NyquistHistogram {
     pub num_surfels: u64,
     /// Share with a ratio above 1, which break the criterion.
     pub fraction_above_one: f64,
+    /// Median ratio; NaN without surfels (JSON null).
+    pub median_ratio: f64,
     /// Largest ratio; 0 without surfels.
     pub max_ratio: f64,
 }
@@ -68,20 +71,23 @@ pub struct NyquistHistogram {
 impl NyquistHistogram {
     /// From ratios that are finite; others (a surfel no view samples) are left out.
     pub fn new(ratios: impl IntoIterator<Item = f64>) -> Self {
-        let mut histogram =
-            Self { bins: vec![0; NUM_BINS], beyond: 0, num_surfels: 0, fraction_above_one: 0.0, max_ratio: 0.0 };
-        let mut above_one = 0u64;
-        for ratio in ratios.into_iter().filter(|r| r.is_finite() && *r >= 0.0) {
-            histogram.num_surfels += 1;
-            above_one += u64::from(ratio > 1.0);
-            histogram.max_ratio = histogram.max_ratio.max(ratio);
-            match histogram.bins.get_mut((ratio * NUM_BINS as f64 / MAX_RATIO) as usize) {
+        let mut ratios: Vec<f64> = ratios.into_iter().filter(|r| r.is_finite() && *r >= 0.0).collect();
+        let (mut bins, mut beyond) = (vec![0u64; NUM_BINS], 0u64);
+        for &ratio in &ratios {
+            match bins.get_mut((ratio * NUM_BINS as f64 / MAX_RATIO) as usize) {
                 Some(bin) => *bin += 1,
-                None => histogram.beyond += 1,
+                None => beyond += 1,
             }
         }
-        histogram.fraction_above_one = above_one as f64 / histogram.num_surfels.max(1) as f64;
-        histogram
+        let above_one = ratios.iter().filter(|&&ratio| ratio > 1.0).count();
+        Self {
+            bins,
+            beyond,
+            num_surfels: ratios.len() as u64,
+            fraction_above_one: above_one as f64 / ratios.len().max(1) as f64,
+            max_ratio: ratios.iter().copied().fold(0.0, f64::max),
+            median_ratio: median(&mut ratios),
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Finds what a scene can be scored against: reference depth and points beside its photographs.
 //!
-//! Layouts: `pseudo_gt/` with `meta.json`, `depth_*.png` and `points.npz`; `depth/*.pfm` (exact, as synthetic scenes
-//! are written); `depth/*.png` in millimetres (sensors). Invariant: everything comes out in scene units and OpenCV
+//! Layouts: `pseudo_gt/` with `meta.json`, `depth_*.png` and `points.npz`; `depth/*.pfm` and `truth/points.ply` (exact,
+//! as synthetic scenes are written); `depth/*.png` in millimetres (sensors). Invariant: everything comes out in scene units and OpenCV
 //! axes, on the raster it was stored in.
 
 use std::path::{Path, PathBuf};
@@ -9,6 +9,7 @@ use surfel_core::{Camera, Grid, Intrinsics};
 use surfel_io::depth::{read_depth_png16, read_pfm};
 use surfel_io::npy::{NpyError, Npz};
 use surfel_io::photo::ImageError;
+use surfel_io::ply::{PlyFileError, read_ply_file};
 
 /// Reference points of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,6 +29,9 @@ pub enum ReferenceError {
     /// The points do not read.
     #[error(transparent)]
     Points(#[from] NpyError),
+    /// The exact points do not read.
+    #[error(transparent)]
+    ExactPoints(#[from] PlyFileError),
     /// `meta.json` or the points lack something.
     #[error("{path}: {problem}")]
     Malformed {
@@ -107,6 +111,11 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`] when they are there and do not read.
     pub fn points(&self) -> Result<Option<PointCloud>, ReferenceError> {
+        let exact = self.scene.join("truth/points.ply");
+        if self.layout == Layout::Exact && exact.is_file() {
+            let mesh = read_ply_file(&exact)?;
+            return Ok(Some(PointCloud { positions: mesh.positions, normals: mesh.normals }));
+        }
         let path = self.scene.join("pseudo_gt/points.npz");
         if !path.is_file() {
             return Ok(None);
@@ -208,5 +217,10 @@ mod tests {
         write_pfm(&mut fs::File::create(scene.path().join("depth/a.pfm")).unwrap(), &depth()).unwrap();
         let exact = Reference::open(scene.path()).unwrap().unwrap();
         assert_eq!(exact.depth_of("a", &camera()).unwrap().unwrap().0, depth());
+        assert_eq!(exact.points().unwrap(), None);
+        fs::create_dir_all(scene.path().join("truth")).unwrap();
+        let header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+        fs::write(scene.path().join("truth/points.ply"), format!("{header}end_header\n1 2 3\n")).unwrap();
+        assert_eq!(exact.points().unwrap().unwrap().positions, [[1.0, 2.0, 3.0]]);
     }
 }

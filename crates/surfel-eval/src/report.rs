@@ -1,10 +1,13 @@
-//! Tables of scores as Markdown for people and JSON for programs.
+//! Tables of scores as Markdown for people and JSON for programs, with the pictures that go with them.
 //!
 //! Invariant: every row has as many cells as its table has columns, and both forms show the same cells.
 
 use serde::{Serialize, Serializer};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use surfel_io::write::{StagedDir, WriteError};
 
-/// A report: a title, what was measured how, and tables.
+/// A report: a title, what was measured how, tables and pictures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Report {
     /// Heading.
@@ -13,6 +16,20 @@ pub struct Report {
     pub notes: Vec<String>,
     /// The tables, in order.
     pub tables: Vec<Table>,
+    /// Pictures, after the tables.
+    pub figures: Vec<Figure>,
+}
+
+/// A picture that is written beside the report.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Figure {
+    /// What it shows.
+    pub title: String,
+    /// File name, relative to the report.
+    pub file: String,
+    /// The bytes of the file: PNG, SVG, ...
+    #[serde(skip)]
+    pub content: Vec<u8>,
 }
 
 /// A table with named columns.
@@ -120,7 +137,22 @@ impl Report {
         let mut parts = vec![format!("# {}\n", self.title)];
         parts.extend(self.notes.iter().map(|note| format!("{note}\n")));
         parts.extend(self.tables.iter().map(Table::to_markdown));
+        parts.extend(self.figures.iter().map(|figure| format!("![{}]({})\n", figure.title, figure.file)));
         parts.join("\n")
+    }
+
+    /// Writes `report.md`, `report.json` and the figures into a folder, all or none; returns their paths.
+    ///
+    /// # Errors
+    /// When the folder cannot be written to.
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
+        let staged = StagedDir::new(folder)?;
+        staged.write("report.md", |out| out.write_all(self.to_markdown().as_bytes()))?;
+        staged.write("report.json", |out| out.write_all(self.to_json().as_bytes()))?;
+        for figure in &self.figures {
+            staged.write(&figure.file, |out| out.write_all(&figure.content))?;
+        }
+        staged.commit()
     }
 
     /// The whole report as indented JSON; values without meaning are null.
@@ -138,7 +170,8 @@ mod tests {
         let mut table = Table::new("Depth", ["scene", "within 1 %", "median, mm", "pixels"]);
         table.push(["dtu|24".into(), Cell::Share(0.9134), Cell::Value(1.28812, 2), Cell::Count(381_777)]);
         table.push(["a".into(), Cell::Share(f64::NAN), Cell::Value(f64::NAN, 2), Cell::Count(0)]);
-        Report { title: "Scores".into(), notes: vec!["Missing counts as a miss.".into()], tables: vec![table] }
+        let notes = vec!["Missing counts as a miss.".into()];
+        Report { title: "Scores".into(), notes, tables: vec![table], figures: Vec::new() }
     }
 
     #[test]
@@ -158,6 +191,19 @@ mod tests {
         assert_eq!(rows[0][2], 1.28812);
         assert!(rows[1][1].is_null() && rows[1][2].is_null());
         assert_eq!(rows[0][0], "dtu|24");
+    }
+
+    #[test]
+    fn files_hold_both_forms_and_the_figures() {
+        let folder = tempfile::tempdir().unwrap();
+        let figure = Figure { title: "A plot".into(), file: "plot.svg".into(), content: b"<svg/>".to_vec() };
+        let report = Report { figures: vec![figure], ..report() };
+        let paths = report.write(&folder.path().join("out")).unwrap();
+        let names: Vec<_> = paths.iter().map(|path| path.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names, ["plot.svg", "report.json", "report.md"]);
+        let markdown = std::fs::read_to_string(&paths[2]).unwrap();
+        assert!(markdown.ends_with("\n![A plot](plot.svg)\n"), "{markdown}");
+        assert_eq!(std::fs::read(&paths[0]).unwrap(), b"<svg/>");
     }
 
     #[test]

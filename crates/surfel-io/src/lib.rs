@@ -7,6 +7,7 @@
 pub mod depth;
 pub mod npy;
 pub mod photo;
+pub mod ply;
 pub mod scene;
 pub mod write;
 

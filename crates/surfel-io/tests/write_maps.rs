@@ -6,7 +6,8 @@ use surfel_io::write::cameras_json::{CameraRecord, write_cameras_json};
 use surfel_io::write::confidence_png::write_confidence_png;
 use surfel_io::write::depth_png::{depth_png_unit, write_depth_png, write_depth_sidecar};
 use surfel_io::write::normal_png::write_normal_png;
-use surfel_io::write::pfm::write_pfm;
+use surfel_io::write::pfm::{write_pfm, write_pfm_rgb};
+use surfel_io::write::picture_png::write_gray_png;
 
 fn depth() -> Grid<f32> {
     Grid::from_fn(5, 4, |x, y| if x == y { 0.0 } else { 2.0 + x as f32 + 0.37 * y as f32 })
@@ -26,6 +27,19 @@ fn pfm_is_bottom_up_little_endian() {
     let values: Vec<f32> = body.chunks(4).map(|value| f32::from_le_bytes(value.try_into().unwrap())).collect();
     let back = Grid::from_fn(5, 4, |x, y| values[(3 - y) * 5 + x]);
     assert_eq!(back, depth);
+}
+
+#[test]
+fn three_channels_and_bytes_come_back_as_they_were() {
+    let normals = Grid::from_fn(3, 2, |x, y| [x as f32, -(y as f32), 0.25]);
+    let bytes = written(|out| write_pfm_rgb(out, &normals));
+    let body = bytes.strip_prefix(b"PF\n3 2\n-1.0\n").unwrap();
+    let values: Vec<f32> = body.chunks(4).map(|value| f32::from_le_bytes(value.try_into().unwrap())).collect();
+    let at = |x: usize, y: usize, i: usize| values[((1 - y) * 3 + x) * 3 + i];
+    assert_eq!(Grid::from_fn(3, 2, |x, y| [0, 1, 2].map(|i| at(x, y, i))), normals);
+    let labels = Grid::from_fn(4, 3, |x, y| (x * 70 + y) as u8);
+    let picture = image::load_from_memory(&written(|out| write_gray_png(out, &labels))).unwrap();
+    assert_eq!(picture.into_luma8().into_raw(), labels.as_slice());
 }
 
 #[test]

@@ -25,6 +25,8 @@ pub mod root;
 pub mod scene;
 pub mod sdf;
 pub mod shape;
+#[cfg(feature = "assets")]
+pub mod source;
 pub mod texture;
 pub mod truth;
 pub mod warp;
@@ -39,6 +41,8 @@ pub use rig::{OrbitRig, WalkRig, look_at};
 pub use scene::{Lighting, Object, Scene};
 pub use sdf::Sdf;
 pub use shape::{Ray, Shape};
+#[cfg(feature = "assets")]
+pub use source::{SceneSource, TrueScene};
 pub use texture::{Texture, TextureSpace};
 pub use truth::SurfaceSamples;
 pub use warp::{WarpStatistics, warp_statistics};

@@ -31,6 +31,24 @@ pub enum SceneKind {
     StillLife,
 }
 
+impl SceneKind {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Sphere, Self::Torus, Self::Boxes, Self::HeightField, Self::Plane, Self::StillLife];
+
+    /// The short name, as typed on a command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sphere => "sphere",
+            Self::Torus => "torus",
+            Self::Boxes => "boxes",
+            Self::HeightField => "height-field",
+            Self::Plane => "plane",
+            Self::StillLife => "still-life",
+        }
+    }
+}
+
 /// A whole scene in one struct.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {

@@ -8,14 +8,7 @@ use surfel_synth::{
     Object, RenderOptions, RenderedView, Scene, SceneKind, SceneOptions, Shape, Texture, warp_statistics,
 };
 
-const KINDS: [SceneKind; 6] = [
-    SceneKind::Sphere,
-    SceneKind::Torus,
-    SceneKind::Boxes,
-    SceneKind::HeightField,
-    SceneKind::Plane,
-    SceneKind::StillLife,
-];
+const KINDS: [SceneKind; 6] = SceneKind::ALL;
 
 fn small(kind: SceneKind) -> SceneOptions {
     SceneOptions { kind, width: 96, height: 80, supersampling: 1, ..SceneOptions::default() }
@@ -180,6 +173,19 @@ fn surface_samples_lie_on_the_surface_and_are_uniform_by_area() {
         let inside = samples.points.iter().filter(|p| p.z >= low && p.z < low + 0.25).count();
         assert!((850..1150).contains(&inside), "{inside} of 8000 in one eighth");
     }
+}
+
+#[test]
+fn samples_at_a_spacing_are_as_many_as_the_area_asks_for() {
+    let (radius, spacing) = (180.0, 4.0);
+    let count = |kind: SceneKind, radius: f64| {
+        let scene = SceneOptions { object_radius: radius, ..small(kind) }.scene();
+        scene.object_samples(spacing, 2).points.len() as f64 * spacing * spacing
+    };
+    let sphere = 4.0 * std::f64::consts::PI * radius * radius;
+    assert!((count(SceneKind::Sphere, radius) / sphere - 1.0).abs() < 0.03);
+    let plane = (6.0 * radius).powi(2);
+    assert!((count(SceneKind::Plane, radius) / plane - 1.0).abs() < 0.03);
 }
 
 #[test]

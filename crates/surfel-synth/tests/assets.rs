@@ -3,7 +3,9 @@
 
 use std::path::PathBuf;
 use surfel_synth::render::{NOTHING, SURROUNDINGS};
-use surfel_synth::{AssetError, AssetLibrary, RenderedView, SceneSampler, Split, SynthConfig, warp_statistics};
+use surfel_synth::{
+    AssetError, AssetLibrary, RenderedView, SceneSampler, SceneSource, Split, SynthConfig, warp_statistics,
+};
 
 fn folder() -> Option<PathBuf> {
     let workspace = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
@@ -96,4 +98,28 @@ fn clean_pairs_have_the_stated_geometry() {
     depths.sort_by(f32::total_cmp);
     let median = depths[depths.len() / 2];
     assert!((400.0..900.0).contains(&median), "{median} mm");
+}
+
+#[test]
+fn the_exact_surface_of_a_scene_projects_onto_its_exact_depth() {
+    let Some(folder) = folder() else { return };
+    let library = Box::new(AssetLibrary::open(&folder, Split::Val).unwrap());
+    let source = SceneSource::Scanned { library, split: Split::Val, config: SynthConfig::clean_pair(160, 128) };
+    let scene = source.scene(3, 3.0).unwrap();
+    assert_eq!(scene.name, "val-3");
+    assert!(scene.surface.points.len() > 1000 && scene.objects.is_some_and(|mesh| mesh.triangles.len() > 1000));
+    let (mut seen, mut on_depth) = (0, 0);
+    for point in &scene.surface.points {
+        let agrees = |view: &RenderedView| {
+            let (pixel, z) = view.view.camera.project(*point).unwrap();
+            let near =
+                |x: isize, y: isize| view.depth.get(x, y).is_some_and(|&depth| (f64::from(depth) - z).abs() < 0.01 * z);
+            // The pixel itself may show what lies beside a silhouette.
+            let (x, y) = (pixel.x.floor() as isize, pixel.y.floor() as isize);
+            (-1..=1).any(|dx| (-1..=1).any(|dy| near(x + dx, y + dy)))
+        };
+        seen += 1;
+        on_depth += usize::from(scene.views.iter().any(agrees));
+    }
+    assert!(on_depth * 100 > seen * 97, "{on_depth} of {seen}");
 }

@@ -15,7 +15,7 @@ use surfel_synth::assets::photograph::photograph;
 use surfel_synth::assets::stage::Stage;
 use surfel_synth::assets::texels::Texels;
 use surfel_synth::render::{NOTHING, SURROUNDINGS, pixel_ray};
-use surfel_synth::{OrbitRig, Random, Texture, warp_statistics};
+use surfel_synth::{OrbitRig, Random, SynthScene, Texture, warp_statistics};
 
 /// A torus of `rings` x `sides` quads.
 fn torus(rings: u32, sides: u32) -> Primitive {
@@ -260,4 +260,37 @@ fn rays_through_shared_edges_do_not_leak() {
             assert!(hit.is_some(), "a ray slips through triangle {i} at {target}");
         }
     }
+}
+
+#[test]
+fn exact_samples_lie_on_the_objects_cover_what_is_seen_and_nothing_else() {
+    let scene = SynthScene { stage: stage(), cameras: cameras(), sensors: Vec::new() };
+    let triangles: Vec<_> = scene.stage.instances.iter().flat_map(world_triangles).collect();
+    let mesh = scene.object_mesh();
+    assert_eq!(mesh.triangles.len(), triangles.len());
+    let spacing = 8.0;
+    let samples = scene.seen_samples(spacing, 1);
+    assert!(samples.points.len() > 300, "{}", samples.points.len());
+    for (p, n) in samples.points.iter().zip(&samples.normals) {
+        let on = |t: &[DVec3; 3]| {
+            let normal = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
+            normal.dot(*n) > 1.0 - 1e-9 && (*p - t[0]).dot(normal).abs() < 1e-6
+        };
+        assert!(triangles.iter().any(on), "{p} is on no triangle");
+        let reached = |camera: &Camera| {
+            let direction = *p - camera.centre();
+            brute_force(&triangles, camera.centre(), direction).is_none_or(|(t, _)| t > 1.0 - 1e-3)
+        };
+        assert!(scene.cameras.iter().any(reached), "{p} is hidden");
+    }
+    // Uniform by area: as many points per area as the spacing says, on everything that a camera sees.
+    let area = |t: &[DVec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+    let seen: f64 = triangles
+        .iter()
+        .filter(|t| scene.cameras.iter().any(|camera| scene.sees(camera, (t[0] + t[1] + t[2]) / 3.0)))
+        .map(area)
+        .sum();
+    let expected = seen / (spacing * spacing);
+    let ratio = samples.points.len() as f64 / expected;
+    assert!((ratio - 1.0).abs() < 0.1, "{} points, {expected} expected", samples.points.len());
 }

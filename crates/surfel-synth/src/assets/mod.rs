@@ -2,7 +2,7 @@
 //!
 //! `library` reads a folder of GLB meshes, textures and light maps; `sampler` draws a scene from a seed
 //! (`tabletop` or `room`, put together by `arrange`); `stage` is what rays see: `instance`s of meshes,
-//! `panel`s, a `backdrop` and `light`; `photograph` and `sensor` take the picture. Invariant: depth and normals are those of the triangles, whatever the picture shows.
+//! `panel`s, a `backdrop` and `light`; `photograph` and `sensor` take the picture; `surface` is the exact answer. Invariant: depth and normals are those of the triangles, whatever the picture shows.
 
 mod arrange;
 mod openness;
@@ -22,6 +22,7 @@ pub mod photograph;
 pub mod sampler;
 pub mod sensor;
 pub mod stage;
+pub mod surface;
 pub mod texels;
 
 pub use error::AssetError;

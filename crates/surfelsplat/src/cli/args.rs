@@ -1,5 +1,7 @@
 //! What can be typed. Each flag's text is its documentation; values are checked here, files are not opened.
 
+use super::eval::EvalCommand;
+use super::synth::SynthCommand;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -34,7 +36,7 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Train a network, or go on training it.
     Train(TrainArgs),
-    /// Score results against references.
+    /// Score results against references; the paper's experiments.
     Eval {
         #[command(subcommand)]
         command: EvalCommand,
@@ -44,12 +46,11 @@ pub enum Command {
         #[command(subcommand)]
         command: WeightsCommand,
     },
-}
-
-#[derive(Debug, Subcommand)]
-pub enum EvalCommand {
-    /// Score the depth maps of a reconstruction against a scene's reference depth.
-    Depth(EvalDepthArgs),
+    /// Draw, check and write rendered scenes with exact depth, normals and surfaces.
+    Synth {
+        #[command(subcommand)]
+        command: SynthCommand,
+    },
 }
 
 #[derive(Debug, Subcommand)]
@@ -199,24 +200,6 @@ pub struct InspectArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Example:
-  surfelsplat reconstruct scene --views 23,24 --size 320x256 -o out
-  surfelsplat eval depth scene out")]
-pub struct EvalDepthArgs {
-    /// Scene folder with a reference: pseudo_gt/, or depth/ beside the photographs.
-    pub scene: PathBuf,
-
-    /// Folder with depth/<stem>.pfm and cameras.json, as `reconstruct` writes it.
-    pub output: PathBuf,
-
-    /// Distance, in scene units, that a missed reference point counts as (default: 20 for millimetres, i.e.
-    /// 3 % of the median reference depth).
-    #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
-    pub cap: Option<f64>,
-}
-
-#[derive(Debug, Args)]
 pub struct WeightsFileArgs {
     /// The file: .safetensors, or for `info` also .pth, .pt or .ckpt.
     pub file: PathBuf,
@@ -313,7 +296,7 @@ fn axes_names() -> impl TypedValueParser<Value = Axes> {
     names.map(|name| Axes::ALL.into_iter().find(|axes| axes.name() == name).unwrap_or(Axes::OpenGl))
 }
 
-fn positive(text: &str) -> Result<usize, String> {
+pub fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "must be a whole number above 0".to_owned())
 }
 
@@ -321,12 +304,12 @@ fn at_least_two(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n >= 2).ok_or_else(|| "must be a whole number of at least 2".to_owned())
 }
 
-fn positive_length(text: &str) -> Result<f64, String> {
+pub fn positive_length(text: &str) -> Result<f64, String> {
     let value: Option<f64> = text.parse().ok();
     value.filter(|v| v.is_finite() && *v > 0.0).ok_or_else(|| "must be a number above 0".to_owned())
 }
 
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+pub fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let wrong = || "must be width x height, such as 320x256".to_owned();
     let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
     match (width.trim().parse(), height.trim().parse()) {

@@ -4,13 +4,17 @@
 
 mod args;
 mod console;
-mod eval_depth;
+mod eval;
 mod inspect;
+mod method_args;
+mod publish;
 mod reconstruct;
+mod scene_args;
+mod synth;
 mod train;
 mod weights;
 
-use args::{Cli, Command, EvalCommand};
+use args::{Cli, Command};
 use clap::Parser;
 use std::io::Write;
 use std::process::ExitCode;
@@ -27,7 +31,8 @@ pub fn run() -> ExitCode {
         Command::Reconstruct(ref args) => reconstruct::run(args, cli.json, cli.quiet),
         Command::Inspect(ref args) => inspect::run(args, cli.json, cli.quiet),
         Command::Train(ref args) => train::run(args, cli.json, cli.quiet),
-        Command::Eval { command: EvalCommand::Depth(ref args) } => eval_depth::run(args, cli.json),
+        Command::Eval { ref command } => eval::run(command, cli.json, cli.quiet),
+        Command::Synth { ref command } => synth::run(command, cli.json, cli.quiet),
         Command::Weights { ref command } => weights::run(command, cli.json, cli.quiet),
     };
     match result {

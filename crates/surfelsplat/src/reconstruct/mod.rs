@@ -27,7 +27,7 @@ pub use report::Report;
 use input::Input;
 use maps::{ViewMaps, render_views};
 use matched_range::MatchedRange;
-use network::Learned;
+use network::{FirstScales, Learned};
 use outputs::{Outputs, write_report};
 use progress::Log;
 use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mib};
@@ -57,54 +57,105 @@ pub fn reconstruct(
     let log = Log::new(progress);
     // First, so that a place that cannot be written to is refused before the work is done.
     let staged = StagedDir::new(out)?;
-    let input = log.stage(Stage::Read, || Input::read(scene, options, &log))?;
-    let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, &log))?;
-    let road = Road::new(&input, &range)?;
-    let features = log.stage(Stage::Features, || features_of(&road.views))?;
-    let matched = log.stage(Stage::Depth, || {
-        match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
-    });
-    let (estimates, surfels) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
-    let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
-    let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
-    if mesh.triangles.is_empty() {
-        log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
-    }
-    let stems = input.stems();
-    let images: Vec<String> = input.image_paths().iter().map(|path| path.to_string_lossy().into_owned()).collect();
-    let scene_ranges: Vec<(f64, f64)> = range.ranges.iter().map(|r| (r.near, r.far)).collect();
-    let files = log.stage(Stage::Write, || {
-        let outputs = Outputs {
-            views: &road.views,
-            stems: &stems,
-            images: &images,
-            ranges: &scene_ranges,
-            maps: &maps,
-            confidence: estimates.iter().map(|e| &e.confidence).collect(),
-            surfels: &surfels,
-            mesh: &mesh,
-            scene_from_working: road.scene_from_working,
-        };
-        outputs.write(&staged)
-    })?;
-    let report = Account { input: &input, range: &range, road: &road, estimates: &estimates, maps: &maps }.report(
-        &surfels,
-        (&mesh, &mesh_report),
-        options,
-        files,
-        &log,
-    );
+    let walked = Walked::walk(scene, options, &log)?;
+    let files = log.stage(Stage::Write, || walked.outputs(|outputs| outputs.write(&staged)))?;
+    let report = walked.report(options, files, &log);
     write_report(&staged, &report)?;
     staged.commit()?;
     Ok(report)
 }
 
+/// Everything the road found, in memory; nothing has been written.
+pub struct Walked {
+    /// The photographs and where they come from, scene frame.
+    pub input: Input,
+    /// Depth ranges and neighbours, scene units.
+    pub range: MatchedRange,
+    /// The photographs in the working frame.
+    pub road: Road,
+    /// Depth, normal and confidence per view, working frame.
+    pub estimates: Vec<DepthEstimate>,
+    /// The surfels, working frame.
+    pub surfels: Surfels,
+    /// What the network's first pass said of them; `None` where no network ran.
+    first_scales: Option<FirstScales>,
+    /// What the surfels show to each view, working frame.
+    pub maps: Vec<ViewMaps>,
+    /// The surface, working frame.
+    pub mesh: TriMesh,
+    mesh_report: MeshReport,
+}
+
+impl Walked {
+    /// Walks the road up to the mesh, without a listener, and reports what each step took.
+    ///
+    /// # Errors
+    /// [`ReconstructError`].
+    pub fn without_writing(scene: &Path, options: &Options) -> Result<(Self, Report), ReconstructError> {
+        let log = Log::new(&Silent);
+        let walked = Self::walk(scene, options, &log)?;
+        let report = walked.report(options, Vec::new(), &log);
+        Ok((walked, report))
+    }
+
+    fn walk(scene: &Path, options: &Options, log: &Log) -> Result<Self, ReconstructError> {
+        let input = log.stage(Stage::Read, || Input::read(scene, options, log))?;
+        let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, log))?;
+        let road = Road::new(&input, &range)?;
+        let features = log.stage(Stage::Features, || features_of(&road.views))?;
+        let matched = log.stage(Stage::Depth, || {
+            match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
+        });
+        let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
+        let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
+        let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
+        if mesh.triangles.is_empty() {
+            log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
+        }
+        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, mesh, mesh_report })
+    }
+
+    /// Scales of the surfels as first placed and as adapted to the sampling rate, working units, in the order of
+    /// [`Self::surfels`], which may have been refined further.
+    pub fn scales_before_and_after_adaptation(&self, options: &Options) -> FirstScales {
+        self.first_scales.clone().unwrap_or_else(|| {
+            let placed = |low_pass_px: f64| {
+                let config = surfels::SurfelConfig { low_pass_px, ..options.surfels };
+                surfels::surfels_from_depth(&self.road.views, &self.estimates, &config).scales
+            };
+            FirstScales { initial: placed(0.0), adapted: placed(options.surfels.low_pass_px) }
+        })
+    }
+
+    /// Hands what becomes files to `write`.
+    fn outputs<T>(&self, write: impl FnOnce(&Outputs) -> T) -> T {
+        let images: Vec<String> =
+            self.input.image_paths().iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        let scene_ranges: Vec<(f64, f64)> = self.range.ranges.iter().map(|r| (r.near, r.far)).collect();
+        write(&Outputs {
+            views: &self.road.views,
+            stems: &self.input.stems(),
+            images: &images,
+            ranges: &scene_ranges,
+            maps: &self.maps,
+            confidence: self.estimates.iter().map(|e| &e.confidence).collect(),
+            surfels: &self.surfels,
+            mesh: &self.mesh,
+            scene_from_working: self.road.scene_from_working,
+        })
+    }
+}
+
 /// The views in the working frame.
-struct Road {
-    views: Vec<View>,
-    ranges: Vec<(f64, f64)>,
-    working_from_scene: Similarity,
-    scene_from_working: Similarity,
+pub struct Road {
+    /// Photographs and cameras, working frame.
+    pub views: Vec<View>,
+    /// Near and far per view, working units.
+    pub ranges: Vec<(f64, f64)>,
+    /// Into the working frame.
+    pub working_from_scene: Similarity,
+    /// Back to the scene.
+    pub scene_from_working: Similarity,
 }
 
 impl Road {
@@ -128,15 +179,16 @@ impl Road {
         &self,
         matched: Vec<DepthEstimate>,
         options: &Options,
-    ) -> Result<(Vec<DepthEstimate>, Surfels), ReconstructError> {
+    ) -> Result<(Vec<DepthEstimate>, Surfels, Option<FirstScales>), ReconstructError> {
         match &options.depth {
             DepthSource::Network(net) => {
-                let Learned { estimates, surfels } = network::refine(net, &self.views, &matched, &self.ranges)?;
-                Ok((estimates, surfels))
+                let learned = network::refine(net, &self.views, &matched, &self.ranges)?;
+                let Learned { estimates, surfels, first_scales } = learned;
+                Ok((estimates, surfels, Some(first_scales)))
             }
             DepthSource::Matching => {
                 let surfels = surfels::surfels_from_depth(&self.views, &matched, &options.surfels);
-                Ok((matched, surfels))
+                Ok((matched, surfels, None))
             }
         }
     }
@@ -187,24 +239,9 @@ fn empty_mesh_report() -> MeshReport {
     }
 }
 
-/// What the report is made from.
-struct Account<'a> {
-    input: &'a Input,
-    range: &'a MatchedRange,
-    road: &'a Road,
-    estimates: &'a [DepthEstimate],
-    maps: &'a [ViewMaps],
-}
-
-impl Account<'_> {
-    fn report(
-        &self,
-        surfels: &Surfels,
-        (mesh, mesh_report): (&TriMesh, &MeshReport),
-        options: &Options,
-        files: Vec<String>,
-        log: &Log,
-    ) -> Report {
+impl Walked {
+    fn report(&self, options: &Options, files: Vec<String>, log: &Log) -> Report {
+        let (mesh, mesh_report) = (&self.mesh, &self.mesh_report);
         let frame = &self.road.working_from_scene;
         let unit = self.road.scene_from_working.scale;
         let placed = PlacedMesh { mesh, scene_from_mesh: self.road.scene_from_working };
@@ -224,7 +261,7 @@ impl Account<'_> {
                 translation: frame.translation.to_array(),
             },
             surfels: SurfelReport {
-                count: surfels.len(),
+                count: self.surfels.len(),
                 footprint_px: options.surfels.footprint_px,
                 low_pass_px: options.surfels.low_pass_px,
             },

@@ -16,6 +16,17 @@ pub struct Learned {
     pub estimates: Vec<DepthEstimate>,
     /// View-major, one per pixel that has depth.
     pub surfels: Surfels,
+    /// Their scales before the second pass of the head.
+    pub first_scales: FirstScales,
+}
+
+/// Scales `[s_u, s_v]` of the same surfels in the same order, before and after the adaptation to the sampling rate.
+#[derive(Clone, Debug, Default)]
+pub struct FirstScales {
+    /// As first placed.
+    pub initial: Vec<[f32; 2]>,
+    /// After the low-pass filter; the initial ones where a network has no adaptation.
+    pub adapted: Vec<[f32; 2]>,
 }
 
 /// Runs the network on views and what matching says of them; `ranges` are near and far per view.
@@ -38,6 +49,12 @@ pub fn refine(
     let prediction = net.forward(&scene, &device)?;
     let (depth, confidence) = (values(prediction.depth), values(prediction.confidence));
     let surfels = prediction.surfels.to_surfels();
+    let initial = prediction.initial.to_surfels().scales;
+    let adapted: Vec<[f32; 2]> = match &prediction.adaptation {
+        Some(adaptation) => adaptation.scales.iter().map(|scales| scales.map(|s| s as f32)).collect(),
+        None => initial.clone(),
+    };
+    let mut first_scales = FirstScales::default();
     let pixels = views[0].image.len();
     let mut kept = Surfels { sh_degree: surfels.sh_degree, ..Surfels::default() };
     let mut learned = Vec::with_capacity(views.len());
@@ -49,6 +66,8 @@ pub fn refine(
         for k in (0..pixels).filter(|i| seen(i % width, i / width)).map(|i| v * pixels + i) {
             kept.centres.push(surfels.centres[k]);
             kept.scales.push(surfels.scales[k]);
+            first_scales.initial.push(initial[k]);
+            first_scales.adapted.push(adapted[k]);
             kept.rotations.push(surfels.rotations[k]);
             kept.opacities.push(surfels.opacities[k]);
             kept.sh.extend_from_slice(&surfels.sh[k * num_sh..][..num_sh]);
@@ -62,7 +81,7 @@ pub fn refine(
             ..estimate.clone()
         });
     }
-    Ok(Learned { estimates: learned, surfels: kept })
+    Ok(Learned { estimates: learned, surfels: kept, first_scales })
 }
 
 /// The third axis of a surfel in its camera, turned to face it.

@@ -6,8 +6,7 @@ use surfel_core::{Camera, Grid, Intrinsics, Rigid, TriMesh};
 
 /// A mesh file.
 pub fn read_mesh(path: &Path) -> TriMesh {
-    surfel_eval::ply::read_ply(&std::fs::read(path).unwrap())
-        .unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    surfel_io::ply::read_ply_file(path).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The vertices of a mesh file, scene units.

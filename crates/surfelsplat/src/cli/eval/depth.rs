@@ -3,9 +3,10 @@
 //! Any folder with `depth/<stem>.pfm` can be scored, also a peer's. Invariant: a missing depth is a miss, and
 //! holes of the surface cost the cap.
 
-use super::args::EvalDepthArgs;
-use super::print_line;
+use crate::cli::args::positive_length;
+use crate::cli::publish::publish;
 use anyhow::{Context, Result, bail};
+use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use surfel_core::{Camera, Grid};
@@ -14,9 +15,32 @@ use surfel_eval::depth_metrics::median;
 use surfel_eval::object_chamfer::{back_projected, object_chamfer};
 use surfel_eval::report::{Cell, Report, Table};
 use surfel_eval::sample_mesh::sample_mesh;
-use surfel_eval::{DepthMap, DepthScore, NormalScore, Reference, ply, score_depth, score_depth_normals};
+use surfel_eval::{DepthMap, DepthScore, NormalScore, Reference, score_depth, score_depth_normals};
 use surfel_io::depth::read_pfm;
+use surfel_io::ply::read_ply_file;
 use surfel_io::scene::Scene;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  surfelsplat reconstruct scene --views 23,24 --size 320x256 -o out
+  surfelsplat eval depth scene out")]
+pub struct DepthArgs {
+    /// Scene folder with a reference: pseudo_gt/, or depth/ beside the photographs.
+    pub scene: PathBuf,
+
+    /// Folder with depth/<stem>.pfm and cameras.json, as `reconstruct` writes it.
+    pub output: PathBuf,
+
+    /// Distance, in scene units, that a missed reference point counts as (default: 20 for millimetres, i.e.
+    /// 3 % of the median reference depth).
+    #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
+    pub cap: Option<f64>,
+
+    /// Folder to write the report into, as Markdown and JSON.
+    #[arg(short = 'o', long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+}
 
 /// One view with a prediction and a reference.
 struct Scored {
@@ -30,7 +54,7 @@ struct Scored {
 /// Share of the median reference depth that a miss costs when no cap is given: 20 mm at 650 mm, as on DTU.
 const CAP_SHARE: f64 = 20.0 / 650.0;
 
-pub fn run(args: &EvalDepthArgs, json: bool) -> Result<ExitCode> {
+pub fn run(args: &DepthArgs, json: bool) -> Result<ExitCode> {
     let scene = Scene::open(&args.scene)?;
     let Some(reference) = Reference::open(&scene.root)? else {
         bail!("{} has no reference depth: neither pseudo_gt/ nor depth/", scene.root.display());
@@ -39,8 +63,7 @@ pub fn run(args: &EvalDepthArgs, json: bool) -> Result<ExitCode> {
     if scored.is_empty() {
         bail!("no depth map of {} has a reference in {}", args.output.display(), scene.root.display());
     }
-    let report = report(&scored, args)?;
-    print_line(&if json { report.to_json() } else { report.to_markdown() });
+    publish(&report(&scored, args)?, args.report.as_deref(), json)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -72,7 +95,7 @@ fn depth_maps(output: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
+fn report(scored: &[Scored], args: &DepthArgs) -> Result<Report> {
     let mut depths: Vec<f64> = scored
         .iter()
         .flat_map(|s| s.reference.as_slice().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)))
@@ -88,6 +111,8 @@ fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
         "median error %",
         "normals mean deg",
         "normals median deg",
+        "normal MSE (sum)",
+        "normal MSE (/3)",
     ];
     let mut table = Table::new("Depth maps", columns);
     let mut depth_scores = Vec::new();
@@ -96,20 +121,13 @@ fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
         let predicted = DepthMap::new(&s.predicted, &s.camera.intrinsics);
         let truth = DepthMap::new(&s.reference, &s.reference_camera.intrinsics);
         let Some(depth) = score_depth(predicted, truth) else { continue };
-        let normal = score_depth_normals(predicted, truth).unwrap_or_default();
-        table.push(row(&s.name, &depth, &normal));
+        let normal = score_depth_normals(predicted, truth);
+        table.push(row(&s.name, &depth, normal.as_ref()));
         depth_scores.push(depth);
-        normal_scores.push(normal);
+        normal_scores.extend(normal);
     }
     if let Some(mean) = DepthScore::mean(&depth_scores) {
-        let average =
-            |f: fn(&NormalScore) -> f64| normal_scores.iter().map(f).sum::<f64>() / normal_scores.len() as f64;
-        let normal = NormalScore {
-            mean_angle_deg: average(|n| n.mean_angle_deg),
-            median_angle_deg: average(|n| n.median_angle_deg),
-            ..NormalScore::default()
-        };
-        table.push(row("mean", &mean, &normal));
+        table.push(row("mean", &mean, NormalScore::mean(&normal_scores).as_ref()));
     }
     Ok(Report {
         title: format!("{} against {}", args.output.display(), args.scene.display()),
@@ -118,10 +136,12 @@ fn report(scored: &[Scored], args: &EvalDepthArgs) -> Result<Report> {
             format!("Distances count at most {cap:.4} scene units, which is also what a miss costs; only surface inside the reference silhouettes is scored."),
         ],
         tables: vec![table, chamfer_table(scored, args, cap)?],
+        figures: Vec::new(),
     })
 }
 
-fn row(name: &str, depth: &DepthScore, normal: &NormalScore) -> Vec<Cell> {
+fn row(name: &str, depth: &DepthScore, normal: Option<&NormalScore>) -> Vec<Cell> {
+    let normal = |field: fn(&NormalScore) -> f64, decimals| Cell::Value(normal.map_or(f64::NAN, field), decimals);
     vec![
         name.into(),
         Cell::Share(depth.within_1pct),
@@ -130,13 +150,15 @@ fn row(name: &str, depth: &DepthScore, normal: &NormalScore) -> Vec<Cell> {
         Cell::Share(depth.coverage),
         Cell::Value(depth.median_abs_error, 4),
         Cell::Value(100.0 * depth.median_rel_error, 3),
-        Cell::Value(normal.mean_angle_deg, 2),
-        Cell::Value(normal.median_angle_deg, 2),
+        normal(|n| n.mean_angle_deg, 2),
+        normal(|n| n.median_angle_deg, 2),
+        normal(|n| n.mse_sum, 4),
+        normal(|n| n.mse_mean, 4),
     ]
 }
 
 /// Chamfer distances of the back-projected depth maps and, if there is one, of the mesh.
-fn chamfer_table(scored: &[Scored], args: &EvalDepthArgs, cap: f64) -> Result<Table> {
+fn chamfer_table(scored: &[Scored], args: &DepthArgs, cap: f64) -> Result<Table> {
     let mut table = Table::new("Object Chamfer distance", ["surface", "accuracy", "completeness", "overall"]);
     let truth: Vec<[f32; 3]> = scored.iter().flat_map(|s| back_projected(&s.reference, &s.reference_camera)).collect();
     let inside = |s: &Scored| {
@@ -160,7 +182,7 @@ fn chamfer_table(scored: &[Scored], args: &EvalDepthArgs, cap: f64) -> Result<Ta
     push("depth maps", &points);
     let mesh_path = args.output.join("mesh.ply");
     if mesh_path.is_file() {
-        let mesh = ply::read_ply(&std::fs::read(&mesh_path)?).with_context(|| mesh_path.display().to_string())?;
+        let mesh = read_ply_file(&mesh_path)?;
         // As dense as the reference is: its pixel footprint.
         let spacing = scored.iter().map(|s| footprint(&s.reference, &s.reference_camera)).fold(f64::INFINITY, f64::min);
         let sampled = sample_mesh(&mesh, spacing);

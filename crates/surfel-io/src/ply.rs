@@ -1,10 +1,32 @@
-//! Reader of meshes and point clouds in PLY files (binary little-endian or ASCII).
+//! Reader of meshes and point clouds in PLY files (binary little-endian or ASCII); `write::ply_mesh` is its writer.
 //!
 //! Takes what scanners, MeshLab and Open3D write: positions, and normals and faces where there are any; polygons
 //! become fans. Invariant: any input ends in a consistent [`TriMesh`] or an error, never in a panic or in memory
 //! the file did not fill.
 
+use std::path::{Path, PathBuf};
 use surfel_core::TriMesh;
+
+/// Why a PLY file cannot be used, with its name.
+#[derive(Debug, thiserror::Error)]
+pub enum PlyFileError {
+    /// The file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Its content is no PLY we read.
+    #[error("{}: {source}", path.display())]
+    Ply {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: PlyError,
+    },
+}
 
 /// Why a PLY file cannot be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -41,6 +63,15 @@ pub enum PlyError {
         /// Number of vertices.
         num_vertices: usize,
     },
+}
+
+/// Reads a mesh file, or a point cloud as a mesh without triangles.
+///
+/// # Errors
+/// [`PlyFileError`], naming the file.
+pub fn read_ply_file(path: &Path) -> Result<TriMesh, PlyFileError> {
+    let bytes = std::fs::read(path).map_err(|source| PlyFileError::Read { path: path.to_owned(), source })?;
+    read_ply(&bytes).map_err(|source| PlyFileError::Ply { path: path.to_owned(), source })
 }
 
 /// Reads a mesh, or a point cloud as a mesh without triangles.
