@@ -7,6 +7,7 @@
 mod coarse;
 mod patches;
 mod refine;
+mod scorer;
 mod seed_maps;
 mod seeded;
 

@@ -14,6 +14,8 @@ use surfel_core::Grid;
 const PER_PIXEL: usize = 4;
 /// Slopes that a block gives.
 const SLOPES: usize = 2;
+/// Values known of a proposal.
+pub(crate) const KNOWN: usize = 5;
 /// Steps at which a difference counts half of what it could.
 const SOFT_STEPS: f32 = 2.0;
 
@@ -28,6 +30,8 @@ pub(crate) struct SeedMaps {
     /// Inverse depth of a step, `[views, 1, 1, 1]`.
     pub(crate) steps: Tensor<4>,
     step_of_view: Vec<f32>,
+    /// What is known of each proposal, `[views, proposals, KNOWN, height / stride, width / stride]`.
+    pub(crate) known: Tensor<5>,
     /// Windows of the photographs, see [`patches`].
     pub(crate) patches: Tensor<4>,
     /// The planes and where they propose to.
@@ -66,6 +70,7 @@ impl SeedMaps {
         Self {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
             confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
+            known: known(&proposals, seeds, device),
             patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
@@ -132,6 +137,38 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
         }
     }
     maps
+}
+
+/// What is known of each proposal at the pixel its block's features stand over: difference to the pixel's own plane,
+/// its size, confidence at the proposer, support, and whether it is the pixel's own.
+fn known(proposals: &Proposals, seeds: &[Seed], device: &Device) -> Tensor<5> {
+    let (width, height, stride) = (proposals.width, proposals.height, proposals.stride);
+    let (columns, rows) = proposals.weight_size();
+    let count = proposals.offsets.len();
+    let mut maps = vec![0.0f32; seeds.len() * count * KNOWN * rows * columns];
+    let at = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
+    for (view, (seed, maps)) in seeds.iter().zip(maps.chunks_exact_mut(count * KNOWN * rows * columns)).enumerate() {
+        let mut differences = vec![0.0f32; count];
+        let mut confidences = vec![0.0f32; count];
+        for block in 0..rows * columns {
+            let (x, y) = (block % columns * stride, block / columns * stride);
+            for (k, [dx, dy]) in proposals.offsets.iter().enumerate() {
+                differences[k] = proposals.at(view, x, y, k)[0];
+                confidences[k] = seed.confidence[(at(x, *dx, width), at(y, *dy, height))];
+            }
+            for k in 0..count {
+                // Proposals within about a step of this one speak for it, as sure as they are.
+                let agree = |j: usize| confidences[j] / (1.0 + (differences[j] - differences[k]).powi(2));
+                let support = (0..count).map(agree).sum::<f32>() / count as f32;
+                let difference = soft(differences[k]);
+                let own = if k == 0 { 1.0 } else { 0.0 };
+                for (c, value) in [difference, difference.abs(), confidences[k], support, own].into_iter().enumerate() {
+                    maps[(k * KNOWN + c) * rows * columns + block] = value;
+                }
+            }
+        }
+    }
+    Tensor::from_data(TensorData::new(maps, [seeds.len(), count, KNOWN, rows, columns]), device)
 }
 
 /// Means over blocks of `[anything, height, width]`.

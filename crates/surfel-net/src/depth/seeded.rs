@@ -5,7 +5,8 @@
 //! planes (`ops::propagate`) and adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
 //! and everything is in steps, so neither unit nor depth range is seen.
 
-use super::seed_maps::SeedMaps;
+use super::scorer::Scorer;
+use super::seed_maps::{KNOWN, SeedMaps};
 use super::{Refined, SceneGeometry, per_view};
 use crate::config::{FineSweepConfig, NetConfig, RefinementConfig, SeededConfig};
 use crate::cost_volume::{sweep, warps};
@@ -21,6 +22,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
 use surfel_core::Camera;
 
+/// Correlations known of a proposal: of learned features and of the photographs.
+const MATCHED: usize = 2;
 /// Score by which a pixel's own plane leads at the start.
 const OWN_LEAD: f64 = 7.0;
 /// Corrections of a plane and a density per pixel.
@@ -37,6 +40,7 @@ pub(crate) struct SeededRefinement {
     enter_norm: GroupNorm,
     unet: Unet,
     to_planes: [Conv2d; 2],
+    scorer: Scorer,
 }
 
 impl SeededRefinement {
@@ -48,7 +52,7 @@ impl SeededRefinement {
         let num_tries = |sweep: &FineSweepConfig| 2 * (sweep.num_candidates + num_proposals - 1);
         let matched = sweep.as_ref().map_or(0, num_tries);
         let inputs = image + upsampled_channels + SeedMaps::channels(*stride, num_proposals) + matched;
-        let mut last = conv3x3(2 * width, num_proposals + PER_PIXEL * stride * stride, device);
+        let mut last = conv3x3(2 * width, PER_PIXEL * stride * stride, device);
         last.weight = Param::from_tensor(last.weight.val().zeros_like());
         last.bias = last.bias.map(|bias| Param::from_tensor(bias.val().zeros_like()));
         Self {
@@ -58,6 +62,7 @@ impl SeededRefinement {
             enter_norm: group_norm(width, 4, device),
             unet: Unet::new(unet, device),
             to_planes: [conv3x3(width, 2 * width, device), last],
+            scorer: Scorer::new(KNOWN + if sweep.is_some() { MATCHED } else { 0 }, 2 * width, device),
         }
     }
 
@@ -74,17 +79,21 @@ impl SeededRefinement {
         let upsampled = gelu(upsample(self.upsampler.forward(context), 4 / stride, 0));
         let pixels = space_to_depth(images.clone(), stride);
         let mut inputs = vec![pixels.clone(), upsampled.clone(), seeds.inputs.clone()];
+        let mut known = seeds.known.clone();
         if let Some(matcher) = &self.matcher {
             let features = matcher.forward(Tensor::cat(vec![upsampled.clone(), pixels], 1));
-            inputs.extend(agreement(config, features, seeds, scene));
+            let matched = agreement(config, features, seeds, scene);
+            let of_proposals = matched.iter().map(|tries| at_proposals(tries, seeds.proposals.offsets.len()));
+            known = Tensor::cat(std::iter::once(known).chain(of_proposals).collect(), 2);
+            inputs.extend(matched);
         }
         let x = gelu(self.enter_norm.forward(self.enter.forward(Tensor::cat(inputs, 1))));
         let refined = self.unet.forward(x, scene.sources);
         let [first, second] = &self.to_planes;
-        let output = second.forward(gelu(first.forward(refined.clone())));
-        let count = seeds.proposals.offsets.len();
-        let scores = output.clone().narrow(1, 0, count) + own_lead(count, &output.device());
-        let per_pixel = depth_to_space(output.narrow(1, count, PER_PIXEL * stride * stride), stride);
+        let context = gelu(first.forward(refined.clone()));
+        let per_pixel = depth_to_space(second.forward(context.clone()), stride);
+        let scores = self.scorer.forward(known, context);
+        let scores = scores + own_lead(seeds.proposals.offsets.len(), &per_pixel.device());
         let planes = propagate_planes(scores, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
@@ -128,4 +137,13 @@ fn agreement(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &
     let geometry = sweep(warps, (width, height), vec![vec![0.0; count]; views], Base::PerCandidate(tries));
     let geometry = Arc::new(geometry);
     vec![plane_sweep(features, geometry.clone()), plane_sweep(seeds.patches.clone(), geometry)]
+}
+
+/// The tries that are proposals, the pixel's own plane first, `[views, proposals, 1, h, w]`.
+fn at_proposals(tries: &Tensor<4>, num_proposals: usize) -> Tensor<5> {
+    let [_, count, _, _] = tries.dims();
+    let num_fine = count + 1 - num_proposals;
+    let own = tries.clone().narrow(1, num_fine / 2, 1);
+    let others = tries.clone().narrow(1, num_fine, num_proposals - 1);
+    Tensor::cat(vec![own, others], 1).unsqueeze_dim(2)
 }
