@@ -3,11 +3,10 @@
 //! Invariant: the disparity is the mean of the candidates under a distribution, so it lies in \[0, 1\].
 
 use crate::config::CostVolumeConfig;
-use crate::layers::{conv1x1, conv3x3, group_norm};
+use crate::layers::{Conv2d, conv1x1, conv3x3, group_norm};
 use crate::unet::Unet;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::nn::conv::Conv2d;
 use burn::tensor::activation::{gelu, softmax};
 use burn::tensor::{Device, Int, Tensor};
 

@@ -2,9 +2,8 @@
 //!
 //! Invariant: normalisation is per image, so a view's features do not depend on the other views.
 
-use crate::layers::{conv_config, conv1x1};
+use crate::layers::{Conv2d, conv_config, conv1x1};
 use burn::module::Module;
-use burn::nn::conv::Conv2d;
 use burn::nn::{Initializer, InstanceNorm, InstanceNormConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
@@ -15,11 +14,7 @@ const STD: [f32; 3] = [0.229, 0.224, 0.225];
 
 fn bare_conv(inputs: usize, outputs: usize, kernel: usize, stride: usize, device: &Device) -> Conv2d {
     let initializer = Initializer::KaimingNormal { gain: std::f64::consts::SQRT_2, fan_out_only: true };
-    conv_config(inputs, outputs, kernel)
-        .with_stride([stride, stride])
-        .with_bias(false)
-        .with_initializer(initializer)
-        .init(device)
+    conv_config(inputs, outputs, kernel).with_stride(stride).with_bias(false).with_initializer(initializer).init(device)
 }
 
 fn norm(channels: usize, device: &Device) -> InstanceNorm {
@@ -38,7 +33,7 @@ struct ResidualBlock {
 impl ResidualBlock {
     fn new(inputs: usize, outputs: usize, stride: usize, device: &Device) -> Self {
         let skip = (stride != 1 || inputs != outputs)
-            .then(|| conv_config(inputs, outputs, 1).with_stride([stride, stride]).init(device));
+            .then(|| conv_config(inputs, outputs, 1).with_stride(stride).init(device));
         Self {
             first: bare_conv(inputs, outputs, 3, stride, device),
             second: bare_conv(outputs, outputs, 3, 1, device),

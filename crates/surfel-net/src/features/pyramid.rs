@@ -3,9 +3,8 @@
 //! Invariant: pixel `i` of the merged map stands over input pixel `4 i`, as in the CNN backbone. The trunk's
 //! own centres lie at `4 i + 3`; it is therefore run on images moved by three pixels.
 
-use crate::layers::{conv1x1, conv3x3, upsample};
+use crate::layers::{Conv2d, conv1x1, conv3x3, upsample};
 use burn::module::Module;
-use burn::nn::conv::Conv2d;
 use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor, TensorData};
 use surfel_core::Grid;

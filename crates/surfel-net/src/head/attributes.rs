@@ -5,9 +5,8 @@
 //! network exactly those, so that fresh surfels lie in matching's surface.
 
 use crate::config::HeadConfig;
-use crate::layers::conv3x3;
+use crate::layers::{Conv2d, conv3x3};
 use burn::module::{Module, Param};
-use burn::nn::conv::Conv2d;
 use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor};
 use surfel_core::sh;

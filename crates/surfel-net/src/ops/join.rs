@@ -3,14 +3,16 @@
 //! Other backends implement the same trait with kernels of their own; the models call only the functions
 //! at the end. Invariant: no gradient flows to geometry (poses, candidates, regions).
 
+pub(super) mod conv;
+
 use super::gather_attention::{self as attention, Inputs, Regions};
 use super::plane_sweep::{self as sweep, Sweep};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, Flex, TensorMetadata, backend_extension};
-use burn::tensor::{Shape, Tensor, TensorData};
+use burn::backend::{Autodiff, Backend, Dispatch, DispatchDevice, Flex, TensorMetadata, backend_extension};
+use burn::tensor::{Device, Shape, Tensor, TensorData};
 use burn_flex::FlexTensor;
 use std::sync::Arc;
 
@@ -40,8 +42,17 @@ pub trait SurfelOps: Backend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
+<<<<<<< HEAD
 /// A tensor of the CPU backend.
 pub(super) fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
+=======
+/// True where our kernels run: on burn's Flex backend, differentiated or not.
+fn runs_on(device: &Device) -> bool {
+    matches!(device.clone().inner().as_dispatch(), DispatchDevice::Flex(_))
+}
+
+fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
+>>>>>>> 8bec770 (Convolve on our own: direct kernels for all three passes, joined to burn)
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 

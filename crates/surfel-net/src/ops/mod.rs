@@ -3,6 +3,7 @@
 //! Written over `pulp::Simd`, which picks the vector instructions of the machine at run time without
 //! unsafe code. Invariant: results do not depend on the number of threads.
 
+pub mod conv;
 pub mod gather_attention;
 mod join;
 mod join_propagate;
@@ -12,6 +13,7 @@ pub mod propagate;
 pub mod render;
 mod vector;
 
+pub use join::conv::conv2d;
 pub use join::{gather_attention, plane_sweep};
 pub use join_propagate::propagate as propagate_planes;
 pub(crate) use join_render::render_planes;

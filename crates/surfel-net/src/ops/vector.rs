@@ -1,4 +1,4 @@
-//! The two vector loops the attention and correlation kernels are made of.
+//! The vector loops that several kernels are made of.
 
 use pulp::Simd;
 
@@ -38,4 +38,31 @@ pub(super) fn scale<S: Simd>(simd: S, target: &mut [f32], factor: f32) {
     for value in tail {
         *value *= factor;
     }
+}
+
+/// At most one vector; what does not fit is dropped.
+#[inline(always)]
+pub(super) fn store<S: Simd>(simd: S, part: &mut [f32], value: S::f32s) {
+    match S::as_mut_simd_f32s(part) {
+        ([whole], _) => *whole = value,
+        (_, tail) => simd.partial_store_f32s(tail, value),
+    }
+}
+
+/// `sum a_i`, in an order that depends on the vector length only.
+#[inline(always)]
+pub(super) fn sum<S: Simd>(simd: S, values: &[f32]) -> f32 {
+    let (whole, tail) = S::as_simd_f32s(values);
+    let mut sums = [simd.splat_f32s(0.0); 4];
+    let (fours, rest) = whole.as_chunks::<4>();
+    for four in fours {
+        for i in 0..4 {
+            sums[i] = simd.add_f32s(sums[i], four[i]);
+        }
+    }
+    for &value in rest {
+        sums[0] = simd.add_f32s(sums[0], value);
+    }
+    let pairs = simd.add_f32s(simd.add_f32s(sums[0], sums[1]), simd.add_f32s(sums[2], sums[3]));
+    simd.reduce_sum_f32s(pairs) + tail.iter().sum::<f32>()
 }

@@ -2,10 +2,9 @@
 //!
 //! Invariant: the identity until trained.
 
-use crate::layers::{conv1x1, zero_group_norm};
+use crate::layers::{Conv2d, conv1x1, zero_group_norm};
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::nn::conv::Conv2d;
 use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Device, Int, Tensor};

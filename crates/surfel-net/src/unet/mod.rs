@@ -7,11 +7,10 @@ pub(crate) mod attention;
 mod residual;
 
 use crate::config::UnetConfig;
-use crate::layers::{conv_config, conv3x3, group_norm};
+use crate::layers::{Conv2d, conv_config, conv3x3, group_norm};
 use attention::ViewAttention;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::nn::conv::Conv2d;
 use burn::tensor::activation::silu;
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
@@ -63,7 +62,7 @@ impl Unet {
             channels = widths[level];
             skips.push(channels);
             if level + 1 < widths.len() {
-                shrink.push(conv_config(channels, channels, 3).with_stride([2, 2]).init(device));
+                shrink.push(conv_config(channels, channels, 3).with_stride(2).init(device));
                 skips.push(channels);
             }
         }

@@ -1,9 +1,8 @@
 //! The residual block of the U-Net, the identity (or its 1x1 skip) until trained.
 
-use crate::layers::{conv1x1, conv3x3, group_norm, zero_group_norm};
+use crate::layers::{Conv2d, conv1x1, conv3x3, group_norm, zero_group_norm};
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::nn::conv::Conv2d;
 use burn::tensor::activation::silu;
 use burn::tensor::{Device, Tensor};
 

@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod config;
+mod conv;
 mod gather_attention;
 mod import;
 mod model;

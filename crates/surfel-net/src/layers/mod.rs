@@ -2,16 +2,18 @@
 //!
 //! Invariant: [`upsample`] keeps positions: pixel `i` of a map with stride `s` stays over input pixel `s i`.
 
-use burn::nn::conv::{Conv2d, Conv2dConfig};
-use burn::nn::{GroupNorm, GroupNormConfig, Initializer, PaddingConfig2d};
+mod conv;
+
+pub(crate) use conv::{Conv2d, ConvConfig};
+
+use burn::nn::{GroupNorm, GroupNormConfig, Initializer};
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions, PadMode};
 use burn::tensor::{Device, Tensor};
 
 /// Settings of a convolution that keeps the size at stride 1.
-pub(crate) fn conv_config(inputs: usize, outputs: usize, kernel: usize) -> Conv2dConfig {
-    let p = kernel / 2;
-    Conv2dConfig::new([inputs, outputs], [kernel, kernel]).with_padding(PaddingConfig2d::Explicit(p, p, p, p))
+pub(crate) fn conv_config(inputs: usize, outputs: usize, kernel: usize) -> ConvConfig {
+    ConvConfig::new(inputs, outputs, kernel)
 }
 
 /// 3x3 convolution with bias.
