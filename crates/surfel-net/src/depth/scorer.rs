@@ -6,7 +6,7 @@
 
 use crate::layers::conv1x1;
 use burn::module::{Module, Param};
-use burn::nn::conv::Conv2d;
+use crate::layers::Conv2d;
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 

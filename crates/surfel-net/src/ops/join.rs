@@ -42,17 +42,13 @@ pub trait SurfelOps: Backend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
-<<<<<<< HEAD
-/// A tensor of the CPU backend.
-pub(super) fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
-=======
 /// True where our kernels run: on burn's Flex backend, differentiated or not.
 fn runs_on(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Flex(_))
 }
 
-fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
->>>>>>> 8bec770 (Convolve on our own: direct kernels for all three passes, joined to burn)
+/// A tensor of the CPU backend.
+pub(super) fn flex(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 
