@@ -42,7 +42,9 @@ pub enum TrainError {
         reason: String,
     },
     /// Scans are asked for, and no folder of them is known.
-    #[error("the configuration trains on scans; say with --assets where the folder with index.json, meshes/, textures/ and envmaps/ is")]
+    #[error(
+        "the configuration trains on scans; say with --assets where the folder with index.json, meshes/, textures/ and envmaps/ is"
+    )]
     NoAssets,
     /// A sample without surface.
     #[error("a training scene shows no surface; its views all look past everything")]

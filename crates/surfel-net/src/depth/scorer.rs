@@ -4,9 +4,9 @@
 //! confidence, support by the others) and the context of the pixel go through the same two layers whoever
 //! proposes. Invariant: renaming the proposals renames the scores, and a fresh judge finds them all equal.
 
+use crate::layers::Conv2d;
 use crate::layers::conv1x1;
 use burn::module::{Module, Param};
-use crate::layers::Conv2d;
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 

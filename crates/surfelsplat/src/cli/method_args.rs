@@ -69,5 +69,9 @@ pub fn named_path(text: &str) -> Result<NamedPath, String> {
 
 fn known(text: &str) -> Result<String, String> {
     let names: Vec<String> = built_in().into_iter().map(|method| method.name).collect();
-    if names.iter().any(|name| name == text) { Ok(text.to_owned()) } else { Err(format!("is none of {}", names.join(", "))) }
+    if names.iter().any(|name| name == text) {
+        Ok(text.to_owned())
+    } else {
+        Err(format!("is none of {}", names.join(", ")))
+    }
 }

@@ -6,8 +6,8 @@
 
 use crate::reconstruct::{DepthSource, Options, Walked};
 use glam::Vec3;
-use surfel_core::nyquist::{NyquistMode, frequency_ratio};
 use surfel_core::Camera;
+use surfel_core::nyquist::{NyquistMode, frequency_ratio};
 use surfel_eval::histogram_plot::{Panel, histogram_svg};
 use surfel_eval::nyquist_stats::{NyquistHistogram, SampledSurfel};
 use surfel_eval::report::{Cell, Figure, Report, Table};
