@@ -88,7 +88,9 @@ fn fault(name: &str, (a, b): (usize, usize), s: &WarpStatistics, limits: &WarpLi
         ));
     }
     // Written so that a median that is no number is a fault too.
-    (!(s.median <= limits.median)).then(|| {
+    // A median that is not a number is no good either.
+    let good = s.median <= limits.median;
+    (!good).then(|| {
         format!(
             "{name}: view {a} warped into view {b} differs by {:.4} (median), more than {}",
             s.median, limits.median
