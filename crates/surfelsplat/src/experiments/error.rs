@@ -20,7 +20,7 @@ pub enum ExperimentError {
         /// Name of the scene.
         scene: String,
         /// Why.
-        source: ReconstructError,
+        source: Box<ReconstructError>,
     },
     /// A file could not be read or written.
     #[error("cannot use {path}: {source}")]

@@ -51,7 +51,8 @@ impl Prediction {
                     size: Some((camera.width, camera.height)),
                     ..options
                 };
-                let stopped = |source| ExperimentError::Reconstruct { scene: scene.name.clone(), source };
+                let stopped =
+                    |error| ExperimentError::Reconstruct { scene: scene.name.clone(), source: Box::new(error) };
                 let (walked, report) = Walked::without_writing(scratch, &options).map_err(stopped)?;
                 Ok(Self::in_scene(&walked, report))
             }
