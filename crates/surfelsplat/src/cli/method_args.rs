@@ -3,11 +3,10 @@
 //! Invariant: parsing opens no file; [`MethodArgs::methods`] does.
 
 use anyhow::{Context, Result, bail};
-use burn::tensor::Device;
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::Arc;
-use surfel_net::SurfelNet;
+use surfel_net::{Device, SurfelNet};
 use surfelsplat::experiments::Method;
 use surfelsplat::experiments::method::{DepthFrom, built_in};
 

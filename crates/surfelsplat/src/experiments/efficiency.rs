@@ -32,7 +32,7 @@ pub fn time(
     let out = tempfile::tempdir().map_err(failed)?;
     let run = |_| {
         reconstruct(scene, out.path(), options, &Silent)
-            .map_err(|source| ExperimentError::Reconstruct { scene: name.to_owned(), source: Box::new(source) })
+            .map_err(|error| ExperimentError::Reconstruct { scene: name.to_owned(), source: Box::new(error) })
     };
     let mut accounts = (0..warm_up + runs).map(run).collect::<Result<Vec<_>, _>>()?;
     accounts.drain(..warm_up);

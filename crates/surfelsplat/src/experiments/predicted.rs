@@ -52,7 +52,7 @@ impl Prediction {
                     ..options
                 };
                 let stopped =
-                    |source| ExperimentError::Reconstruct { scene: scene.name.clone(), source: Box::new(source) };
+                    |error| ExperimentError::Reconstruct { scene: scene.name.clone(), source: Box::new(error) };
                 let (walked, report) = Walked::without_writing(scratch, &options).map_err(stopped)?;
                 Ok(Self::in_scene(&walked, report))
             }

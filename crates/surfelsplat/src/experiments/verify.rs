@@ -87,10 +87,7 @@ fn fault(name: &str, (a, b): (usize, usize), s: &WarpStatistics, limits: &WarpLi
             "{name}: view {b} sees only {percent:.1} % of what view {a} shows, too little to compare"
         ));
     }
-    // Written so that a median that is no number is a fault too.
-    // A median that is not a number is no good either.
-    let good = s.median <= limits.median;
-    (!good).then(|| {
+    (s.median.is_nan() || s.median > limits.median).then(|| {
         format!(
             "{name}: view {a} warped into view {b} differs by {:.4} (median), more than {}",
             s.median, limits.median

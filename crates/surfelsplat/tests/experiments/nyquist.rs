@@ -3,6 +3,7 @@
 use crate::command::surfelsplat;
 use crate::tables::table;
 use std::f64::consts::PI;
+use surfel_net::{Device, NetConfig, Preset, SurfelNet, checkpoint};
 
 #[test]
 fn no_surfel_breaks_the_criterion_after_adaptation_and_all_do_before() {
@@ -39,4 +40,21 @@ fn without_the_low_pass_the_measure_sees_it() {
     assert!(table(&run.stdout, "Surfel frequency over").number(&["consistent", "final"], "above 1") > 0.99);
     let truth = surfelsplat(["eval", "nyquist", "--method", "exact"]);
     assert!(truth.code == Some(1) && truth.stderr.contains("makes no surfels"), "{}", truth.stderr);
+}
+
+#[test]
+fn a_network_shows_its_own_three_states() {
+    let folder = tempfile::tempdir().unwrap();
+    let weights = folder.path().join("fresh.safetensors");
+    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &Device::flex()).unwrap();
+    checkpoint::save(&net, &weights).unwrap();
+    let network = format!("fresh={}", weights.display());
+    let args = ["eval", "nyquist", "--kind", "sphere", "--seeds", "0", "--size", "128x96", "--json"];
+    let run = surfelsplat(args.into_iter().chain(["--network", &network])).succeeded("eval nyquist");
+    let ratios = table(&run.stdout, "Surfel frequency over");
+    let of = |state: &str, column: &str| ratios.number(&["consistent", state], column);
+    assert!(of("before adaptation", "counted") > 1000.0);
+    assert!(of("after adaptation", "largest ratio") <= 2.0 / PI * (1.0 + 1e-4), "{}", run.stdout);
+    assert!(of("after adaptation", "median ratio") < of("before adaptation", "median ratio"));
+    assert!(run.stdout.contains("the first pass of the network's head"));
 }

@@ -2,6 +2,7 @@
 
 use crate::command::surfelsplat;
 use crate::tables::table;
+use surfel_net::{Device, NetConfig, Preset, SurfelNet, checkpoint};
 
 const DEPTH: &str = "Depth and normals, mean";
 const SURFACE: &str = "Surface of the objects, mean";
@@ -52,4 +53,21 @@ fn a_seed_gives_the_same_scores_twice() {
 fn an_unknown_method_is_refused_by_the_list_of_known_ones() {
     let run = surfelsplat(["eval", "synth", "--method", "magic"]);
     assert!(run.code == Some(2) && run.stderr.contains("exact, matching"), "{}", run.stderr);
+}
+
+#[test]
+fn a_network_joins_by_name_and_an_untrained_one_is_matching() {
+    let folder = tempfile::tempdir().unwrap();
+    let weights = folder.path().join("fresh.safetensors");
+    let net = SurfelNet::new(NetConfig::preset(Preset::Small), &Device::flex()).unwrap();
+    checkpoint::save(&net, &weights).unwrap();
+    let network = format!("fresh={}", weights.display());
+    let args = ["eval", "synth", "--kind", "sphere", "--seeds", "0", "--size", "128x96", "--spacing", "6", "--json"];
+    let more = ["--method", "matching", "--network", &network];
+    let run = surfelsplat(args.into_iter().chain(more)).succeeded("eval synth");
+    let depth = table(&run.stdout, DEPTH);
+    let within = |method: &str| depth.number(&[method], "within 1 %, objects");
+    assert!((within("fresh") - within("matching")).abs() < 0.05, "{}", run.stdout);
+    let missing = surfelsplat(["eval", "synth", "--network", "small=nowhere.safetensors"]);
+    assert!(missing.code == Some(1) && missing.stderr.contains("nowhere.safetensors"), "{}", missing.stderr);
 }
