@@ -12,7 +12,19 @@ use surfel_core::Grid;
 /// # Errors
 /// [`ImageError`] when the file is missing, damaged or not 16-bit gray.
 pub fn read_depth_png16(path: &Path, unit: f64) -> Result<Grid<f32>, ImageError> {
-    match crate::photo::decode(path)? {
+    depth_of(crate::photo::decode(path)?, path, unit)
+}
+
+/// As [`read_depth_png16`], for a file in memory; `name` is for messages.
+///
+/// # Errors
+/// As [`read_depth_png16`].
+pub fn decode_depth_png16(bytes: &[u8], name: &Path, unit: f64) -> Result<Grid<f32>, ImageError> {
+    depth_of(crate::photo::decode_bytes(bytes, name)?, name, unit)
+}
+
+fn depth_of(picture: image::DynamicImage, path: &Path, unit: f64) -> Result<Grid<f32>, ImageError> {
+    match picture {
         image::DynamicImage::ImageLuma16(pixels) => {
             let (width, height) = (pixels.width() as usize, pixels.height() as usize);
             let depth = pixels.into_raw().into_iter().map(|value| (f64::from(value) * unit) as f32).collect();

@@ -4,8 +4,11 @@
 
 mod jpeg;
 mod load;
+mod picture;
 mod pinhole;
 mod resample;
+
+pub use picture::{decode_picture, read_picture, resized_picture};
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
@@ -67,7 +70,9 @@ impl ImageError {
     }
 
     fn from_decoder(path: &Path, error: &image::ImageError) -> Self {
-        Self::decode(path, format!("the image cannot be decoded ({error}); is the file complete?"))
+        // Some decoders end their sentence with a line break.
+        let said = error.to_string();
+        Self::decode(path, format!("the image cannot be decoded ({}); is the file complete?", said.trim()))
     }
 }
 
@@ -114,18 +119,29 @@ fn header_of(reader: impl BufRead + Seek) -> Result<Header, image::ImageError> {
 
 /// Decodes the pixels as stored.
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage, ImageError> {
-    let Header { width, height, .. } = read_header(path)?;
-    if width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS {
-        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
-    }
-    let fault = |source| ImageError::Read { path: path.to_owned(), source };
-    let bytes = std::fs::read(path).map_err(fault)?;
-    if !jpeg::is_complete(&bytes) {
+    check_size(read_header(path)?, path)?;
+    let bytes = std::fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    decode_bytes(&bytes, path)
+}
+
+/// Decodes the pixels of a file in memory; `path` is for messages.
+pub(crate) fn decode_bytes(bytes: &[u8], path: &Path) -> Result<DynamicImage, ImageError> {
+    let header = header_of(Cursor::new(bytes)).map_err(|error| ImageError::from_decoder(path, &error))?;
+    check_size(header, path)?;
+    if !jpeg::is_complete(bytes) {
         return Err(ImageError::decode(path, "the image is cut short; copy the file again"));
     }
+    let fault = |source| ImageError::Read { path: path.to_owned(), source };
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(fault)?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
     reader.decode().map_err(|error| ImageError::from_decoder(path, &error))
+}
+
+fn check_size(Header { width, height, .. }: Header, path: &Path) -> Result<(), ImageError> {
+    if width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS {
+        return Err(ImageError::TooLarge { path: path.to_owned(), width, height });
+    }
+    Ok(())
 }

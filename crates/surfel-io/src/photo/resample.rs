@@ -91,7 +91,7 @@ fn linear_tap(index: usize, step: f64, input: usize) -> Tap {
 }
 
 /// Rows first: each output row needs few input rows, so nothing of the input's size is ever copied.
-fn resize<T: Copy + Sync + Into<f32>>(
+pub(super) fn resize<T: Copy + Sync + Into<f32>>(
     pixels: &[T],
     channels: usize,
     (width, height): (usize, usize),

@@ -18,6 +18,7 @@ mod tokens;
 
 pub use error::SceneError;
 pub use format::{FormatKind, SceneFormat, list_formats};
+pub use formats::mvsnet::{CamText, read_cam_text};
 
 use glam::DVec3;
 use image::metadata::Orientation;
