@@ -18,9 +18,10 @@ use crate::validate::{Validation, validate};
 use burn::tensor::Device;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
-use surfel_net::{SurfelNet, checkpoint};
+use surfel_net::{NetConfig, SurfelNet, checkpoint};
 use surfel_synth::{Random, Split};
 
 /// Samples made ahead of their use.
@@ -87,9 +88,8 @@ impl Trainer {
     ) -> Result<Self, TrainError> {
         std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         let device = Device::flex().autodiff();
-        device.seed(config.seed);
         let network = config.network().map_err(|reason| TrainError::Config { path: folder.to_path_buf(), reason })?;
-        let mut net = SurfelNet::new(network, &device)?;
+        let mut net = fresh(network, config.seed, &device)?;
         let path = folder.join(CHECKPOINT);
         let state = if path.is_file() {
             let state = state::load(&config, &path)?;
@@ -243,6 +243,14 @@ impl Trainer {
         let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
         validate(&self.net.valid(), samples, &Device::flex())
     }
+}
+
+/// The network that a seed names. All of a process draw from one generator, hence one after the other.
+fn fresh(config: NetConfig, seed: u64, device: &Device) -> Result<SurfelNet, TrainError> {
+    static DRAWING: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = DRAWING.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    device.seed(seed);
+    Ok(SurfelNet::new(config, device)?)
 }
 
 /// The checkpoint in a run's folder.
