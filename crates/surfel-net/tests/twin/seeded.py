@@ -1,4 +1,4 @@
-"""The refinement of a network whose coarse depth comes from matching: plane propagation and a sweep around it.
+"""The refinement of a network whose coarse depth comes from matching: plane propagation, and sweeps over its tries.
 
 Inside, inverse depth is counted in steps: a step moves a neighbour's pixel by about one.
 """
@@ -13,7 +13,7 @@ from layers import Conv, GroupNorm, depth_to_space, space_to_depth, upsample
 from matching import plane_sweep
 from unet import Unet
 
-OWN_LEAD = 9.0
+OWN_LEAD = 7.0
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
@@ -82,6 +82,27 @@ def seed_inputs(seeds, proposals, offsets, stride):
     return torch.cat([space_to_depth(per_pixel, stride), per_block], dim=1)
 
 
+def tries_of(seeds, proposals, sweep, stride):
+    """Inverse depths `[views, tries, h / stride, w / stride]` at the pixel a block stands over: the block's own plane
+    moved by a few steps, then the planes proposed to it."""
+    half, step = sweep["num_candidates"] // 2, seeds.step.reshape(-1, 1, 1, 1)
+    moves = torch.arange(-half, half + 1, dtype=seeds.step.dtype).reshape(1, -1, 1, 1) * sweep["step"]
+    own = seeds.planes[:, :1] / step
+    tries = step * (own + torch.cat([moves.expand(len(own), -1, *own.shape[2:]), proposals[:, 1:, 0]], dim=1))
+    return tries[:, :, ::stride, ::stride]
+
+
+def patches_of(images, stride):
+    """5 x 5 windows of luma about every `stride`th pixel, without their brightness and contrast, `[views, 25, h, w]`;
+    the product of two, over the root of their length, is their correlation."""
+    luma = (images * torch.tensor([0.299, 0.587, 0.114], dtype=images.dtype).reshape(1, 3, 1, 1)).sum(1, keepdim=True)
+    windows = F.unfold(F.pad(luma, (2, 2, 2, 2), mode="replicate"), 5, stride=stride)
+    windows = windows - windows.mean(dim=1, keepdim=True)
+    energy = windows.square().sum(dim=1, keepdim=True)
+    windows = 25**0.25 * windows / (energy + 25 * 4e-5).sqrt()
+    return windows.reshape(len(images), 25, images.shape[2] // stride, images.shape[3] // stride)
+
+
 class SeededRefinement(nn.Module):
     def __init__(self, config):
         super().__init__()
@@ -90,13 +111,13 @@ class SeededRefinement(nn.Module):
         self.sweep = refinement.get("sweep")
         self.offsets = offsets_of(config["seeded"]["distances"])
         upsampled, width, image = refinement["upsampled_channels"], refinement["unet"]["channels"], 3 * stride**2
-        count, num_fine = len(self.offsets), 0
+        count, num_tries = len(self.offsets), 0
         self.upsampler = Conv(config["backbone"]["channels"], upsampled, 3)
         self.matcher = None
         if self.sweep is not None:
-            num_fine = self.sweep["num_candidates"]
+            num_tries = self.sweep["num_candidates"] + count - 1
             self.matcher = Conv(upsampled + image, self.sweep["channels"], 3)
-        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + num_fine
+        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
         self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
         self.unet = Unet(refinement["unet"])
         self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, count + 4 * stride**2, 3)])
@@ -111,11 +132,9 @@ class SeededRefinement(nn.Module):
         inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride)]
         if self.matcher is not None:
             features = self.matcher(torch.cat([upsampled, pixels], dim=1))
-            half = self.sweep["num_candidates"] // 2
-            fractions = torch.arange(-half, half + 1, dtype=torch.float64) * self.sweep["step"]
-            base = F.avg_pool2d(seeds.planes[:, :1], stride)[:, 0]
-            disparities = [fractions * s for s in seeds.step.double()]
-            inputs.append(plane_sweep(features, cameras, neighbours, stride, disparities, base))
+            tries = tries_of(seeds, proposals, self.sweep, stride)
+            inputs.append(plane_sweep(features, cameras, neighbours, stride, tries))
+            inputs.append(plane_sweep(patches_of(images, stride), cameras, neighbours, stride, tries))
         refined = self.unet(F.gelu(self.enter_norm(self.enter(torch.cat(inputs, dim=1)))), sources)
         output = self.to_planes[1](F.gelu(self.to_planes[0](refined)))
         count = len(self.offsets)
