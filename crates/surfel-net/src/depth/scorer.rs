@@ -46,3 +46,47 @@ impl Scorer {
         self.score.forward(hidden).reshape([views, count, height, width]) * GAIN
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Distribution;
+
+    const SIZE: [usize; 2] = [2, 3];
+
+    /// A judge, what is known of five proposals in each of two views, and a context.
+    fn case(device: &Device) -> (Scorer, Tensor<5>, Tensor<4>) {
+        let [h, w] = SIZE;
+        let uniform = Distribution::Uniform(-1.0, 1.0);
+        let known = Tensor::random([2, 5, 7, h, w], uniform, device);
+        (Scorer::new(7, 4, device), known, Tensor::random([2, 4, h, w], uniform, device))
+    }
+
+    fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+        tensor.into_data().try_to_vec().unwrap()
+    }
+
+    #[test]
+    fn renaming_the_proposals_renames_the_scores() {
+        let device = Device::flex();
+        let (mut judge, known, context) = case(&device);
+        // A fresh judge would make the test vacuous.
+        judge.score = conv1x1(HIDDEN, 1, &device);
+        let names = Tensor::from_ints([3, 0, 4, 1, 2], &device);
+        let scores = judge.forward(known.clone(), context.clone());
+        let renamed = values(judge.forward(known.select(1, names.clone()), context));
+        let expected = values(scores.clone().select(1, names));
+        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        assert!(close(&renamed, &expected), "{renamed:?} are not {expected:?}");
+        assert!(!close(&renamed, &values(scores)), "all proposals score alike: nothing was tested");
+    }
+
+    #[test]
+    fn a_fresh_judge_scores_all_proposals_alike() {
+        let (judge, known, context) = case(&Device::flex());
+        let scores = judge.forward(known, context);
+        assert_eq!(scores.dims(), [2, 5, SIZE[0], SIZE[1]]);
+        let first = scores.clone().narrow(1, 0, 1);
+        assert!(values(scores - first).iter().all(|difference| *difference == 0.0));
+    }
+}

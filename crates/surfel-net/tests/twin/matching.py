@@ -19,8 +19,8 @@ def uniform_disparities(near, far, count):
 def plane_sweep(features, cameras, neighbours, stride, disparities, base=None):
     """Correlations `[views, candidates, h, w]` of features `[views, C, h, w]`.
 
-    `disparities[v]` are the candidates of view v, added to `base[v]` (`[h, w]`) where given. No gradient flows
-    through positions.
+    `disparities[v]` are the candidates of view v, the same everywhere or each `[h, w]`, added to `base[v]` (`[h, w]`)
+    where given. No gradient flows through positions.
     """
     views, channels, height, width = features.shape
     y, x = torch.meshgrid(
@@ -29,7 +29,7 @@ def plane_sweep(features, cameras, neighbours, stride, disparities, base=None):
     pixels = torch.stack([x, y, torch.ones_like(x)]).reshape(3, -1)
     volumes = []
     for r in range(views):
-        disparity = disparities[r][:, None]
+        disparity = disparities[r].detach().double().reshape(len(disparities[r]), -1)
         if base is not None:
             disparity = disparity + base[r].detach().double().reshape(1, -1)
         total = 0

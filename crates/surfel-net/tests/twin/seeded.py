@@ -1,4 +1,4 @@
-"""The refinement of a network whose coarse depth comes from matching: plane propagation and a sweep around it.
+"""The refinement of a network whose coarse depth comes from matching: plane propagation, and sweeps over its tries.
 
 Inside, inverse depth is counted in steps: a step moves a neighbour's pixel by about one.
 """
@@ -13,7 +13,10 @@ from layers import Conv, GroupNorm, depth_to_space, space_to_depth, upsample
 from matching import plane_sweep
 from unet import Unet
 
-OWN_LEAD = 9.0
+OWN_LEAD = 7.0
+# Score of an output of one of the judge, and the judge's width.
+SCORE_GAIN = 10.0
+JUDGE_WIDTH = 8
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
@@ -82,6 +85,56 @@ def seed_inputs(seeds, proposals, offsets, stride):
     return torch.cat([space_to_depth(per_pixel, stride), per_block], dim=1)
 
 
+def known_of(seeds, proposals, offsets, stride):
+    """What is known of each proposal at the pixel a block stands over, `[views, proposals, 5, h / stride, w / stride]`:
+    difference to the pixel's own plane, its size, the proposer's confidence, support by all, and whether it is the
+    pixel's own."""
+    difference = proposals[:, :, 0]
+    confidence = torch.cat([looked_up(seeds.confidence, dx, dy)[0] for dx, dy in offsets], dim=1)
+    apart = difference[:, :, None] - difference[:, None, :]
+    support = (confidence[:, None, :] / (1 + apart.square())).mean(dim=2)
+    own = torch.zeros_like(difference)
+    own[:, 0] = 1
+    known = torch.stack([soft(difference), soft(difference).abs(), confidence, support, own], dim=2)
+    return known[..., ::stride, ::stride]
+
+
+def tries_of(seeds, proposals, sweep, stride):
+    """Inverse depths `[views, tries, h / stride, w / stride]` at the pixel a block stands over: the block's own plane
+    moved by a few steps, then the planes proposed to it."""
+    half, step = sweep["num_candidates"] // 2, seeds.step.reshape(-1, 1, 1, 1)
+    moves = torch.arange(-half, half + 1, dtype=seeds.step.dtype).reshape(1, -1, 1, 1) * sweep["step"]
+    own = seeds.planes[:, :1] / step
+    tries = step * (own + torch.cat([moves.expand(len(own), -1, *own.shape[2:]), proposals[:, 1:, 0]], dim=1))
+    return tries[:, :, ::stride, ::stride]
+
+
+def patches_of(images, stride):
+    """5 x 5 windows of luma about every `stride`th pixel, without their brightness and contrast, `[views, 25, h, w]`;
+    the product of two, over the root of their length, is their correlation."""
+    luma = (images * torch.tensor([0.299, 0.587, 0.114], dtype=images.dtype).reshape(1, 3, 1, 1)).sum(1, keepdim=True)
+    windows = F.unfold(F.pad(luma, (2, 2, 2, 2), mode="replicate"), 5, stride=stride)
+    windows = windows - windows.mean(dim=1, keepdim=True)
+    energy = windows.square().sum(dim=1, keepdim=True)
+    windows = 25**0.25 * windows / (energy + 25 * 4e-5).sqrt()
+    return windows.reshape(len(images), 25, images.shape[2] // stride, images.shape[3] // stride)
+
+
+class Scorer(nn.Module):
+    """One judge of all proposals: a two-layer perceptron of what is known of one and of the pixel's context."""
+
+    def __init__(self, known, context):
+        super().__init__()
+        self.proposal, self.context = Conv(known, JUDGE_WIDTH, 1), Conv(context, JUDGE_WIDTH, 1)
+        self.score = Conv(JUDGE_WIDTH, 1, 1)
+
+    def forward(self, known, context):
+        """Scores `[views, proposals, h, w]`, proposal by proposal."""
+        context = self.context(context)
+        scores = [self.score(F.relu(self.proposal(one) + context)) for one in known.unbind(1)]
+        return SCORE_GAIN * torch.cat(scores, dim=1)
+
+
 class SeededRefinement(nn.Module):
     def __init__(self, config):
         super().__init__()
@@ -90,16 +143,17 @@ class SeededRefinement(nn.Module):
         self.sweep = refinement.get("sweep")
         self.offsets = offsets_of(config["seeded"]["distances"])
         upsampled, width, image = refinement["upsampled_channels"], refinement["unet"]["channels"], 3 * stride**2
-        count, num_fine = len(self.offsets), 0
+        count, num_tries = len(self.offsets), 0
         self.upsampler = Conv(config["backbone"]["channels"], upsampled, 3)
         self.matcher = None
         if self.sweep is not None:
-            num_fine = self.sweep["num_candidates"]
+            num_tries = self.sweep["num_candidates"] + count - 1
             self.matcher = Conv(upsampled + image, self.sweep["channels"], 3)
-        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + num_fine
+        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
         self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
         self.unet = Unet(refinement["unet"])
-        self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, count + 4 * stride**2, 3)])
+        self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, 4 * stride**2, 3)])
+        self.scorer = Scorer(5 if self.sweep is None else 7, 2 * width)
 
     def forward(self, images, context, seeds, cameras, ranges, neighbours, sources):
         """Relative disparity, density, features and slopes (1 / scene unit), all at full resolution."""
@@ -109,26 +163,28 @@ class SeededRefinement(nn.Module):
         upsampled = F.gelu(upsample(self.upsampler(context), 4 // stride))
         pixels = space_to_depth(images, stride)
         inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride)]
+        known = known_of(seeds, proposals, self.offsets, stride)
         if self.matcher is not None:
             features = self.matcher(torch.cat([upsampled, pixels], dim=1))
-            half = self.sweep["num_candidates"] // 2
-            fractions = torch.arange(-half, half + 1, dtype=torch.float64) * self.sweep["step"]
-            base = F.avg_pool2d(seeds.planes[:, :1], stride)[:, 0]
-            disparities = [fractions * s for s in seeds.step.double()]
-            inputs.append(plane_sweep(features, cameras, neighbours, stride, disparities, base))
+            tries = tries_of(seeds, proposals, self.sweep, stride)
+            own, fine = self.sweep["num_candidates"] // 2, self.sweep["num_candidates"]
+            for maps in (features, patches_of(images, stride)):
+                correlation = plane_sweep(maps, cameras, neighbours, stride, tries)
+                inputs.append(correlation)
+                of_proposals = torch.cat([correlation[:, own : own + 1], correlation[:, fine:]], dim=1)
+                known = torch.cat([known, of_proposals[:, :, None]], dim=2)
         refined = self.unet(F.gelu(self.enter_norm(self.enter(torch.cat(inputs, dim=1)))), sources)
-        output = self.to_planes[1](F.gelu(self.to_planes[0](refined)))
-        count = len(self.offsets)
-        lead = torch.zeros(1, count, 1, 1, dtype=output.dtype)
+        context = F.gelu(self.to_planes[0](refined))
+        per_pixel = depth_to_space(self.to_planes[1](context), stride)
+        lead = torch.zeros(1, len(self.offsets), 1, 1, dtype=context.dtype)
         lead[:, 0] = OWN_LEAD
-        per_pixel = depth_to_space(output[:, count:], stride)
-        planes = propagated(output[:, :count] + lead, proposals, stride)
+        planes = propagated(self.scorer(known, context) + lead, proposals, stride)
         density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
         moved = (planes[:, :1] + CORRECTION * per_pixel[:, :1]) * step + seeds.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
-        focal = cameras.intrinsics[:, :2, None, None].to(output.dtype)
+        focal = cameras.intrinsics[:, :2, None, None].to(context.dtype)
         slopes = planes[:, 1:] * step + CORRECTION * per_pixel[:, 1:3] / focal * seeds.planes[:, :1]
-        near, far = (torch.tensor(ends, dtype=output.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
+        near, far = (torch.tensor(ends, dtype=context.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
         disparity = ((moved - 1 / far) / (1 / near - 1 / far)).clamp(0, 1)
         features = torch.cat([upsample(refined, stride), images, upsample(upsampled, stride)], dim=1)
         return disparity, density, features, slopes
