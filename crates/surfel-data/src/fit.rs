@@ -1,8 +1,8 @@
 //! Views of any size brought to one: scaled until they cover it, then cropped around the centre (spec 4.6).
 //!
 //! The photograph is shrunk by area and not by Lanczos' kernel, as photographs are when a scene is reconstructed; depth,
-//! normals and masks take the nearest value. Invariant: camera and pixels stay together, so a point seen before and after lies on the same
-//! spot of the picture, up to half a pixel of the maps' nearest value.
+//! normals and masks take the nearest value. Invariant: camera and pixels stay together, so a point seen before and
+//! after lies on the same spot of the picture, up to half a pixel of the maps' nearest value.
 
 use crate::map_resample::nearest;
 use crate::{DataError, TrainingView};

@@ -224,3 +224,20 @@ fn what_is_missing_or_damaged_is_named() {
     write_chunk(&path, vec![depths(depth_png(&Grid::filled(64, 64, 1.0), 0.1))]);
     said(opened().unwrap().scene(0).unwrap().view(0).unwrap_err().to_string(), &["depth 0", "64x64", "another shape"]);
 }
+
+/// Written by PyTorch itself (`fixtures/make.py`).
+#[test]
+fn a_chunk_of_pytorch_is_read() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/chunk.torch");
+    let mut chunk = Chunk::open(&path, ChunkOptions::CLIPS).unwrap();
+    assert_eq!(chunk.keys().collect::<Vec<_>>(), ["0123456789abcdef", "fedcba9876543210"]);
+    let mut scene = chunk.scene(0).unwrap();
+    assert_eq!(scene.num_views(), 3);
+    let view = scene.view(2).unwrap();
+    assert_eq!((view.image.width(), view.image.height()), (8, 6));
+    let expected = [70.0, 60.0, 100.0].map(|v: f32| v / 255.0);
+    assert!(view.image[(7, 3)].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6));
+    let k = view.camera.intrinsics;
+    assert_eq!([k.fx, k.fy, k.cx, k.cy], [6.0, 6.0, 4.0, 3.0]);
+    assert_eq!(view.camera.camera_from_world.translation, glam::DVec3::new(2.0, 0.0, 0.0));
+}
