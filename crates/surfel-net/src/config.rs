@@ -103,6 +103,14 @@ pub struct CostVolumeConfig {
 pub struct SeededConfig {
     /// Distances in pixels at which the eight neighbours of a pixel propose their planes to it.
     pub distances: Vec<usize>,
+    /// Let proposals and corrections move the depth; without it matching's depth stays, and tilt, opacity and colour
+    /// are the network's.
+    #[serde(default = "yes")]
+    pub moves_depth: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl SeededConfig {

@@ -91,10 +91,13 @@ impl SeededRefinement {
         let [first, second] = &self.to_planes;
         let context = gelu(first.forward(refined.clone()));
         let per_pixel = depth_to_space(second.forward(context.clone()), stride);
+        let moves = config.seeded.as_ref().is_some_and(|seeded| seeded.moves_depth);
         let scores = self.scorer.forward(known, context);
+        let scores = if moves { scores } else { scores.zeros_like() };
         let scores = scores + own_lead(seeds.proposals.offsets.len(), &per_pixel.device());
         let planes = propagate_planes(scores, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
+        let offset = if moves { offset } else { offset.zeros_like() };
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.

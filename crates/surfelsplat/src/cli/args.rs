@@ -105,7 +105,7 @@ pub struct ReconstructArgs {
     pub size: Option<(usize, usize)>,
 
     /// How depth is found.
-    #[arg(long, value_enum, default_value_t = DepthMethod::Network)]
+    #[arg(long, value_enum, default_value_t = DepthMethod::Matching)]
     pub depth: DepthMethod,
 
     /// Weights of the network (default: those that ship with the program).
@@ -217,6 +217,10 @@ pub struct WeightsPackArgs {
     /// How values are stored.
     #[arg(long, value_enum, default_value_t = WeightPrecision::F16)]
     pub precision: WeightPrecision,
+
+    /// Settings of the network, where they are to differ from those of the file in what has no weights.
+    #[arg(long, value_name = "TOML")]
+    pub config: Option<PathBuf>,
 
     /// Under which terms the weights may be used.
     #[arg(long, value_name = "TEXT")]

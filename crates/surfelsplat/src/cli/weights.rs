@@ -107,7 +107,15 @@ fn verify(args: &WeightsFileArgs, json: bool, quiet: bool) -> Result<ExitCode> {
 
 /// Writes trained weights again, with what people need to know of them.
 fn pack(args: &WeightsPackArgs, quiet: bool) -> Result<ExitCode> {
-    let net = SurfelNet::from_file(&args.file, &Device::flex())?;
+    let device = Device::flex();
+    let net = match &args.config {
+        Some(path) => {
+            let config = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let config = NetConfig::from_toml(&config).with_context(|| path.display().to_string())?;
+            checkpoint::load(SurfelNet::new(config, &device)?, &args.file)?
+        }
+        None => SurfelNet::from_file(&args.file, &device)?,
+    };
     let text = |path: &Option<std::path::PathBuf>| -> Result<Option<String>> {
         let read = |path: &std::path::PathBuf| {
             std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
