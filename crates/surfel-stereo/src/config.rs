@@ -49,8 +49,10 @@ pub struct Refinement {
     pub finer_rounds: usize,
     /// Radius of the photometric window, pixels.
     pub window_radius: usize,
-    /// Luma difference at which a window pixel's weight has fallen to 1/e.
+    /// Luma difference at which a window pixel's weight has halved.
     pub window_edge: f32,
+    /// Distance of a window pixel from the plane, source pixels, at which its weight has halved.
+    pub window_agree_px: f32,
     /// Radius of the plane fit, pixels.
     pub fit_radius: usize,
     /// How many times `fit_radius` the sparse outer rings of the plane fit reach.
@@ -68,7 +70,8 @@ impl Default for Refinement {
             finer_rounds: 2,
             window_radius: 4,
             window_edge: 0.1,
-            fit_radius: 7,
+            window_agree_px: 0.5,
+            fit_radius: 8,
             fit_reach: 4,
             fit_widening: 16.0,
             fit_edge: 0.12,

@@ -14,7 +14,7 @@ use crate::plane_fit::{Evidence, Plane, fit_planes};
 use crate::pyramid::{Level, upsampled};
 use crate::semi_global::aggregate;
 use crate::slanted::{Correction, correct};
-use crate::winner::winners;
+use crate::winner::winner;
 use rayon::prelude::*;
 use surfel_core::normals::normal_from_gradient;
 use surfel_core::{Camera, Grid};
@@ -173,8 +173,7 @@ impl<'a> Stage<'a> {
         let cameras: Vec<Camera> = sources.iter().map(|s| *s.camera).collect();
         let candidates = Candidates::for_pair(image.camera, &cameras, near, far, self.config.step_px);
         let volume = CostVolume::sweep(image, &sources, candidates, &self.config.cost);
-        let aggregated = aggregate(&volume, image.gray, &self.config.smoothness);
-        let winners = winners(volume.width, volume.height, &candidates, &aggregated);
+        let winners = aggregate(&volume, image.gray, &self.config.smoothness, |costs| winner(costs, &candidates));
         let planes = winners.map(|winner| Plane { w: winner.inverse_depth, w_x: 0.0, w_y: 0.0 });
         let correction = planes.map(|_| Correction::default());
         Some(Surface { candidates, uniqueness: winners.map(|winner| winner.uniqueness), planes, correction })

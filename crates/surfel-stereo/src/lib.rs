@@ -5,23 +5,32 @@
 //! network at run time (features are passed in as plain slices), no files, no burn. It is `--depth matching`
 //! and the yardstick the learned network must beat.
 
+mod band;
 pub mod candidates;
 pub mod config;
 pub mod consistency;
 pub mod cost_volume;
 pub mod estimate;
+pub mod feature_costs;
 pub mod fill;
+mod normal_equations;
+mod packed;
+mod padded;
 pub mod photographs;
 pub mod plane_fit;
 pub mod probe;
 pub mod pyramid;
 pub mod semi_global;
 pub mod slanted;
+pub mod twin;
+mod vector;
 pub mod warp;
+mod window_correlation;
 pub mod winner;
 pub mod zncc;
 
 pub use config::MatchConfig;
-pub use cost_volume::{FeatureGrid, MatchImage};
+pub use cost_volume::MatchImage;
 pub use estimate::{DepthEstimate, MatchView, estimate_depths};
+pub use feature_costs::FeatureGrid;
 pub use probe::probe_ranges;

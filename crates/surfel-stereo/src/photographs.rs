@@ -3,8 +3,9 @@
 //! What the road and the training of the network both do. Invariant: estimates and views correspond one to one.
 
 use crate::config::MatchConfig;
-use crate::cost_volume::{FeatureGrid, MatchImage};
+use crate::cost_volume::MatchImage;
 use crate::estimate::{DepthEstimate, MatchView, estimate_depths};
+use crate::feature_costs::FeatureGrid;
 use surfel_core::{Grid, View};
 use surfel_features::{FeatureExtractor, FeatureMap, Stage, WeightsError};
 

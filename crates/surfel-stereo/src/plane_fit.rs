@@ -4,6 +4,9 @@
 //! system per pixel and bends with no perspective. Invariant: an exact plane is reproduced exactly.
 
 use crate::config::Refinement;
+pub(crate) use crate::normal_equations::solve_symmetric;
+use crate::normal_equations::{FitRow, Layers, Reach, Row, STRENGTH_RADIUS, runs};
+use pulp::Arch;
 use rayon::prelude::*;
 use surfel_core::Grid;
 
@@ -34,37 +37,28 @@ pub struct Evidence {
     pub weight: f32,
 }
 
-/// Where a fit looks, nearest first: every pixel close by, then ever sparser rings.
+/// Where a fit looks, row by row: every pixel close by, then ever sparser rings.
 ///
-/// The weight falls slowly with distance, and the more slowly the weaker the evidence nearby is: texture is
-/// followed closely, a bare wall is averaged widely.
-struct Neighbourhood {
-    offsets: Vec<(isize, isize, f32)>,
-    /// Squared distance at which a neighbour's weight has halved where evidence is strong, pixels².
-    reach_sq: f32,
-}
-
-impl Neighbourhood {
-    fn new(config: &Refinement) -> Self {
-        let radius = config.fit_radius as isize;
-        let far = radius * config.fit_reach as isize;
-        let mut offsets = Vec::new();
-        for dy in -far..=far {
-            for dx in -far..=far {
-                let distance_sq = dx * dx + dy * dy;
-                let stride = match distance_sq {
-                    d if d <= radius * radius => 1,
-                    d if d <= 4 * radius * radius => 3,
-                    d if d <= far * far => 6,
-                    _ => continue,
-                };
-                if dx % stride == 0 && dy % stride == 0 {
-                    offsets.push((dx, dy, distance_sq as f32));
-                }
+/// The weight falls slowly with distance, and the more slowly the weaker the evidence nearby is ([`Reach`]): texture
+/// is followed closely, a bare wall is averaged widely.
+pub(crate) fn neighbourhood(config: &Refinement) -> Vec<(isize, isize)> {
+    let radius = config.fit_radius as isize;
+    let far = radius * config.fit_reach as isize;
+    let mut offsets = Vec::new();
+    for dy in -far..=far {
+        for dx in -far..=far {
+            let stride = match dx * dx + dy * dy {
+                d if d <= radius * radius => 1,
+                d if d <= 4 * radius * radius => 3,
+                d if d <= far * far => 6,
+                _ => continue,
+            };
+            if dx % stride == 0 && dy % stride == 0 {
+                offsets.push((dx, dy));
             }
         }
-        Self { offsets, reach_sq: ((radius * radius) as f32 / 2.0).max(1.0) }
     }
+    offsets
 }
 
 /// Fits a plane around every pixel.
@@ -78,100 +72,39 @@ pub fn fit_planes(
     tolerance: f32,
     config: &Refinement,
 ) -> Grid<Plane> {
-    let (width, height) = (evidence.width(), evidence.height());
-    let neighbourhood = Neighbourhood::new(config);
-    let strength = local_strength(evidence);
-    let mut planes = Grid::filled(width, height, Plane::default());
-    planes.as_mut_slice().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-        for (x, out) in row.iter_mut().enumerate() {
-            let reach_sq =
-                neighbourhood.reach_sq * (STRONG / strength[(x, y)].max(1e-6)).clamp(1.0, config.fit_widening);
-            *out =
-                fit_plane(evidence, current[(x, y)], guide, tolerance, config, &neighbourhood.offsets, reach_sq, x, y);
-        }
-    });
+    let offsets = neighbourhood(config);
+    let farthest = offsets.iter().map(|&(dx, dy)| dx.abs().max(dy.abs())).max().unwrap_or(0);
+    let layers = Layers::new(evidence, guide, STRENGTH_RADIUS.max(farthest as usize));
+    let runs = runs(&offsets, &layers.layout);
+    let arch = Arch::new();
+    let mut planes = current.clone();
+    planes.as_mut_slice().par_chunks_mut(evidence.width()).enumerate().for_each_init(
+        Row::default,
+        |row, (y, planes)| {
+            arch.dispatch(FitRow {
+                layers: &layers,
+                runs: &runs,
+                y,
+                reach: reach(config),
+                inverse_tolerance_sq: 1.0 / (tolerance * tolerance),
+                inverse_edge_sq: 1.0 / (config.fit_edge * config.fit_edge),
+                row,
+                planes,
+            });
+        },
+    );
     planes
 }
 
-/// Evidence weight of well-textured pixels.
-const STRONG: f32 = 0.25;
-
-/// Mean evidence weight of the 5x5 pixels around each pixel.
-fn local_strength(evidence: &Grid<Evidence>) -> Grid<f32> {
-    Grid::from_fn(evidence.width(), evidence.height(), |x, y| {
-        let around = (-2..=2isize).flat_map(|dy| (-2..=2isize).map(move |dx| (dx, dy)));
-        around.filter_map(|(dx, dy)| evidence.get(x as isize + dx, y as isize + dy)).map(|e| e.weight).sum::<f32>()
-            / 25.0
-    })
-}
-
-fn fit_plane(
-    evidence: &Grid<Evidence>,
-    current: Plane,
-    guide: &Grid<[f32; 3]>,
-    tolerance: f32,
-    config: &Refinement,
-    offsets: &[(isize, isize, f32)],
-    reach_sq: f32,
-    x: usize,
-    y: usize,
-) -> Plane {
-    let own = guide[(x, y)];
-    let inverse_edge_sq = 1.0 / (config.fit_edge * config.fit_edge);
-    let inverse_tolerance_sq = 1.0 / (tolerance * tolerance);
-    // Normal equations of residuals r = w - current.at(dx, dy), which keeps the numbers small.
-    let mut m = [0.0f32; 6];
-    let mut v = [0.0f32; 3];
-    let inverse_reach_sq = 1.0 / reach_sq;
-    for &(dx, dy, distance_sq) in offsets {
-        let (px, py) = (x as isize + dx, y as isize + dy);
-        let Some(q) = evidence.get(px, py).filter(|q| q.weight > 0.0) else { continue };
-        let (dx, dy) = (dx as f32, dy as f32);
-        let residual = q.w - current.at(dx, dy);
-        let colour = guide[(px as usize, py as usize)];
-        let colour_sq: f32 = (0..3).map(|c| (colour[c] - own[c]) * (colour[c] - own[c])).sum();
-        let alike = 1.0 / (1.0 + colour_sq * inverse_edge_sq);
-        let agree = 1.0 / (1.0 + residual * residual * inverse_tolerance_sq);
-        let near = 1.0 / (1.0 + distance_sq * inverse_reach_sq);
-        let weight = q.weight * near * alike * alike * agree * agree;
-        m[0] += weight;
-        m[1] += weight * dx;
-        m[2] += weight * dy;
-        m[3] += weight * dx * dx;
-        m[4] += weight * dx * dy;
-        m[5] += weight * dy * dy;
-        v[0] += weight * residual;
-        v[1] += weight * residual * dx;
-        v[2] += weight * residual * dy;
-    }
-    let correction = solve_symmetric(m, v);
-    Plane { w: current.w + correction[0], w_x: current.w_x + correction[1], w_y: current.w_y + correction[2] }
-}
-
-/// Solves the symmetric 3x3 system `[[m0 m1 m2] [m1 m3 m4] [m2 m4 m5]] s = v`; falls back to the mean
-/// offset when the neighbours do not span a plane.
-fn solve_symmetric(m: [f32; 6], v: [f32; 3]) -> [f32; 3] {
-    if m[0] <= 1e-12 {
-        return [0.0; 3];
-    }
-    let [a, b, c, d, e, f] = m.map(|x| f64::from(x / m[0]));
-    let v = v.map(|x| f64::from(x / m[0]));
-    // A slope needs neighbours at least a fraction of a pixel to the side on both axes.
-    let ridge = 1e-3;
-    let (d, f) = (d + ridge, f + ridge);
-    let (c00, c01, c02) = (d * f - e * e, c * e - b * f, b * e - c * d);
-    let determinant = a * c00 + b * c01 + c * c02;
-    if determinant <= 1e-4 {
-        return [v[0] as f32, 0.0, 0.0];
-    }
-    let (c11, c12, c22) = (a * f - c * c, b * c - a * e, a * d - b * b);
-    let s = |x: f64, y: f64, z: f64| ((x * v[0] + y * v[1] + z * v[2]) / determinant) as f32;
-    [s(c00, c01, c02), s(c01, c11, c12), s(c02, c12, c22)]
+/// How far a fit reaches.
+pub(crate) fn reach(config: &Refinement) -> Reach {
+    Reach { strong_sq: ((config.fit_radius * config.fit_radius) as f32 / 2.0).max(1.0), widening: config.fit_widening }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::twin;
 
     #[test]
     fn a_plane_is_reproduced() {
@@ -200,5 +133,32 @@ mod tests {
         let guide = Grid::filled(20, 16, [0.5; 3]);
         let planes = fit_planes(&evidence, &current, &guide, 0.01, &Refinement::default());
         assert!((0..20).all(|x| (planes[(x, 8)].w - truth(x)).abs() < 2e-3));
+    }
+
+    #[test]
+    fn equals_the_twin() {
+        // Odd sizes, smaller than the reach of the fit, so that every kind of border is met.
+        let (width, height) = (37, 21);
+        let noise = |x: usize, y: usize, seed: usize| ((x * 7919 + y * 104_729 + seed * 31) % 1009) as f32 / 1009.0;
+        let evidence = Grid::from_fn(width, height, |x, y| Evidence {
+            w: 0.5 + 0.02 * noise(x, y, 1),
+            weight: (noise(x, y, 2) - 0.3).max(0.0),
+        });
+        let current = Grid::from_fn(width, height, |x, y| Plane {
+            w: 0.5 + 0.02 * noise(x, y, 3),
+            w_x: 1e-3 * noise(x, y, 4),
+            w_y: -1e-3 * noise(x, y, 5),
+        });
+        let guide = Grid::from_fn(width, height, |x, y| [6, 7, 8].map(|seed| 0.3 * noise(x, y, seed)));
+        let config = Refinement::default();
+        let planes = fit_planes(&evidence, &current, &guide, 0.01, &config);
+        for y in 0..height {
+            for x in 0..width {
+                let slow = twin::fit_plane(&evidence, current[(x, y)], &guide, 0.01, &config, (x, y));
+                let fast = planes[(x, y)];
+                let apart = [fast.w - slow.w, fast.w_x - slow.w_x, fast.w_y - slow.w_y];
+                assert!(apart.iter().all(|d| d.abs() < 2e-6), "{fast:?} is not {slow:?} at {x},{y}");
+            }
+        }
     }
 }

@@ -4,8 +4,9 @@
 //! reduced size and refined upwards. Invariant: image, mask, colours and camera of a level show the same
 //! field of view.
 
-use crate::cost_volume::{FeatureGrid, MatchImage};
+use crate::cost_volume::MatchImage;
 use crate::estimate::MatchView;
+use crate::feature_costs::FeatureGrid;
 use crate::plane_fit::Plane;
 use surfel_core::{Camera, Grid};
 

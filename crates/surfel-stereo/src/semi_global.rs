@@ -1,133 +1,221 @@
 //! Semi-global aggregation of a cost volume along eight paths (Hirschmüller 2008), edge-aware.
 //!
 //! Between the raw matching cost and the choice of a depth. Invariant: the result equals the plain
-//! recursion (`aggregate_direct` in the tests) exactly, and does not depend on the number of threads.
+//! recursion ([`crate::twin::aggregate`]) exactly, and does not depend on the number of threads.
 
 use crate::config::Smoothness;
-use crate::cost_volume::{COST_ONE, CostVolume};
+use crate::cost_volume::{CANDIDATE_LANES, COST_ONE, CostVolume};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use surfel_core::Grid;
 
 /// Larger than any path cost, small enough to add a penalty without overflow.
 const BORDER: i16 = 16_000;
 
-/// Price of a depth jump between two neighbouring pixels.
-struct JumpPrice {
+/// Prices of a change of depth between two neighbouring pixels.
+pub(crate) struct JumpPrice {
+    /// Of a change by one candidate.
+    pub p1: i16,
     smooth: f32,
     edge: f32,
     half: f32,
 }
 
 impl JumpPrice {
-    fn new(s: &Smoothness) -> Self {
+    pub fn new(s: &Smoothness) -> Self {
         let one = f32::from(COST_ONE);
-        Self { smooth: s.p2 * one, edge: s.p2_edge * one, half: s.edge }
+        Self { p1: (s.p1 * one) as i16, smooth: s.p2 * one, edge: s.p2_edge * one, half: s.edge }
     }
 
-    fn between(&self, a: f32, b: f32) -> i16 {
+    /// Of a jump between pixels of luma `a` and `b`.
+    #[inline(always)]
+    pub fn between(&self, a: f32, b: f32) -> i16 {
         let t = (a - b) / self.half;
         (self.edge + (self.smooth - self.edge) / (1.0 + t * t)) as i16
     }
 }
 
-/// Sum over eight paths of the aggregated costs, `[height][width][candidates]`.
-pub fn aggregate(volume: &CostVolume, guide: &Grid<f32>, smoothness: &Smoothness) -> Vec<i16> {
-    let (width, height, n) = (volume.width, volume.height, volume.candidates.count);
-    let price = JumpPrice::new(smoothness);
-    let p1 = (smoothness.p1 * f32::from(COST_ONE)) as i16;
-    let (mut sum, upward) = rayon::join(
-        || vertical(volume, guide, &price, p1, &mut (0..height)),
-        || vertical(volume, guide, &price, p1, &mut (0..height).rev()),
-    );
-    sum.par_chunks_mut(width * n).zip(upward.par_chunks(width * n)).enumerate().for_each_init(
-        || (Path::new(n), Path::new(n)),
-        |(previous, next), (y, (sum, upward))| {
-            sum.iter_mut().zip(upward).for_each(|(s, u)| *s += u);
-            let mut along = |xs: &mut dyn Iterator<Item = usize>| {
-                let mut before: Option<usize> = None;
-                for x in xs {
-                    let jump = before.map(|b| price.between(guide[(x, y)], guide[(b, y)]));
-                    previous.step(volume.at(x, y), jump, p1, next, &mut sum[x * n..][..n]);
-                    std::mem::swap(previous, next);
-                    before = Some(x);
-                }
-            };
-            along(&mut (0..width));
-            along(&mut (0..width).rev());
-        },
-    );
-    sum
-}
-
-/// The three paths that come from the row before, for rows in the given order.
-fn vertical(
+/// Calls `chosen` with the sum over eight paths of the aggregated costs of every pixel, one per candidate.
+pub fn aggregate<T: Clone + Default + Send>(
     volume: &CostVolume,
     guide: &Grid<f32>,
-    price: &JumpPrice,
-    p1: i16,
-    rows: &mut dyn Iterator<Item = usize>,
-) -> Vec<i16> {
-    let (width, n) = (volume.width, volume.candidates.count);
-    let mut sum = vec![0i16; volume.costs.len()];
-    let row_of_paths = || (0..width).map(|_| Path::new(n)).collect::<Vec<_>>();
-    let mut previous: [Vec<Path>; 3] = std::array::from_fn(|_| row_of_paths());
-    let mut next: [Vec<Path>; 3] = std::array::from_fn(|_| row_of_paths());
-    let mut before: Option<usize> = None;
-    for y in rows {
-        for (direction, offset) in [-1isize, 0, 1].into_iter().enumerate() {
-            for x in 0..width {
-                let from = x as isize + offset;
-                let jump = match before {
-                    Some(b) if from >= 0 && (from as usize) < width => {
-                        Some(price.between(guide[(x, y)], guide[(from as usize, b)]))
-                    }
-                    _ => None,
-                };
-                let from = from.clamp(0, width as isize - 1) as usize;
-                let sums = &mut sum[(y * width + x) * n..][..n];
-                previous[direction][from].step(volume.at(x, y), jump, p1, &mut next[direction][x], sums);
+    smoothness: &Smoothness,
+    chosen: impl Fn(&[i16]) -> T + Sync,
+) -> Grid<T> {
+    let (width, stride, count) = (volume.width, volume.stride(), volume.candidates.count);
+    let paths = Paths { volume, guide, price: JumpPrice::new(smoothness) };
+    let arch = Arch::new();
+    let (down, up) = rayon::join(
+        || arch.dispatch(Vertical { paths: &paths, up: false }),
+        || arch.dispatch(Vertical { paths: &paths, up: true }),
+    );
+    let mut result = Grid::filled(width, volume.height, T::default());
+    result.as_mut_slice().par_chunks_mut(width).enumerate().for_each_init(
+        || (Vec::new(), [Front::new(1, stride), Front::new(1, stride)]),
+        |(sum, fronts), (y, result)| {
+            let row = y * width * stride..(y + 1) * width * stride;
+            sum.clear();
+            sum.extend_from_slice(&down[row.clone()]);
+            arch.dispatch(Horizontal { paths: &paths, y, up: &up[row], fronts, sum });
+            for (result, sum) in result.iter_mut().zip(sum.chunks_exact(stride)) {
+                *result = chosen(&sum[..count]);
             }
-        }
-        std::mem::swap(&mut previous, &mut next);
-        before = Some(y);
-    }
-    sum
+        },
+    );
+    result
 }
 
-/// Path costs of one pixel, with a border on either side so that the inner loop has no branch.
-#[derive(Clone)]
-struct Path {
+/// What all paths share.
+struct Paths<'a> {
+    volume: &'a CostVolume,
+    guide: &'a Grid<f32>,
+    price: JumpPrice,
+}
+
+/// Path costs of a row of pixels. Every pixel has a border on either side, so that the inner loop has no branch.
+struct Front {
     costs: Vec<i16>,
-    smallest: i16,
+    smallest: Vec<i16>,
+    pitch: usize,
 }
 
-impl Path {
-    fn new(count: usize) -> Self {
-        Self { costs: vec![BORDER; count + 2], smallest: 0 }
+/// Values between the path costs of neighbouring pixels.
+const GAP: usize = CANDIDATE_LANES;
+
+impl Front {
+    fn new(width: usize, stride: usize) -> Self {
+        let pitch = stride + GAP;
+        Self { costs: vec![BORDER; width * pitch + GAP], smallest: vec![0; width], pitch }
+    }
+
+    /// Index of the first path cost of a pixel.
+    fn start(&self, x: usize) -> usize {
+        x * self.pitch + GAP
+    }
+}
+
+impl Paths<'_> {
+    /// Price of a jump from pixel `from` to pixel `to`.
+    #[inline(always)]
+    fn jump(&self, from: (usize, usize), to: (usize, usize)) -> i16 {
+        self.price.between(self.guide[to], self.guide[from])
     }
 
     /// `next = cost + min(stay, ±1 + p1, anywhere + jump) - smallest`, added to `sum`; a path that starts
-    /// here (`jump` is `None`) is the cost itself.
-    fn step(&self, cost: &[i16], jump: Option<i16>, p1: i16, next: &mut Self, sum: &mut [i16]) {
-        let n = cost.len();
-        let out = &mut next.costs[1..=n];
-        let mut smallest = i16::MAX;
-        if let Some(jump) = jump {
-            let anywhere = self.smallest + jump;
-            let (below, same, above) = (&self.costs[..n], &self.costs[1..=n], &self.costs[2..n + 2]);
-            for d in 0..n {
-                let step = below[d].min(above[d]) + p1;
-                let value = cost[d] + same[d].min(step).min(anywhere) - self.smallest;
-                out[d] = value;
-                smallest = smallest.min(value);
+    /// here (`from` is `None`) is the cost itself. `from` is a pixel of `before` and the price of a jump.
+    #[inline(always)]
+    fn step<S: Simd>(
+        &self,
+        simd: S,
+        cost: &[i16],
+        from: Option<(usize, i16)>,
+        before: &Front,
+        (next, x): (&mut Front, usize),
+        sum: &mut [i16],
+    ) {
+        let count = cost.len();
+        let (cost, sum) = (S::as_simd_i16s(cost).0, S::as_mut_simd_i16s(sum).0);
+        let to = next.start(x);
+        let out = S::as_mut_simd_i16s(&mut next.costs[to..][..count]).0;
+        let mut least = simd.splat_i16s(i16::MAX);
+        if let Some((from, jump)) = from {
+            let smallest = before.smallest[from];
+            let anywhere = simd.splat_i16s(smallest.wrapping_add(jump));
+            let (smallest, p1) = (simd.splat_i16s(smallest), simd.splat_i16s(self.price.p1));
+            let from = before.start(from);
+            let below = S::as_simd_i16s(&before.costs[from - 1..][..count]).0;
+            let same = S::as_simd_i16s(&before.costs[from..][..count]).0;
+            let above = S::as_simd_i16s(&before.costs[from + 1..][..count]).0;
+            let before = below.iter().zip(same).zip(above);
+            for (((out, sum), &cost), ((&below, &same), &above)) in out.iter_mut().zip(sum).zip(cost).zip(before) {
+                let step = simd.add_i16s(simd.min_i16s(below, above), p1);
+                let best = simd.min_i16s(simd.min_i16s(same, anywhere), step);
+                *out = simd.add_i16s(cost, simd.sub_i16s(best, smallest));
+                least = simd.min_i16s(least, *out);
+                *sum = simd.add_i16s(*sum, *out);
             }
         } else {
-            out.copy_from_slice(cost);
-            smallest = cost.iter().copied().min().unwrap_or(0);
+            for ((out, sum), &cost) in out.iter_mut().zip(sum).zip(cost) {
+                *out = cost;
+                least = simd.min_i16s(least, cost);
+                *sum = simd.add_i16s(*sum, cost);
+            }
         }
-        next.smallest = smallest;
-        for (sum, value) in sum.iter_mut().zip(out.iter()) {
-            *sum += value;
+        next.smallest[x] = smallest_lane(simd, least);
+    }
+}
+
+#[inline(always)]
+fn smallest_lane<S: Simd>(_: S, values: S::i16s) -> i16 {
+    let mut lanes = [i16::MAX; CANDIDATE_LANES];
+    S::as_mut_simd_i16s(&mut lanes).0[0] = values;
+    lanes.iter().fold(i16::MAX, |least, &lane| least.min(lane))
+}
+
+/// The three paths that come from the row before, downwards or upwards: their sum, laid out as the volume.
+struct Vertical<'a> {
+    paths: &'a Paths<'a>,
+    up: bool,
+}
+
+impl WithSimd for Vertical<'_> {
+    type Output = Vec<i16>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<i16> {
+        let Self { paths, up } = self;
+        let volume = paths.volume;
+        let (width, height, stride) = (volume.width, volume.height, volume.stride());
+        let mut sum = vec![0i16; width * height * stride];
+        let fronts = || [0; 3].map(|_| Front::new(width, stride));
+        let (mut before, mut next) = (fronts(), fronts());
+        for step in 0..height {
+            let y = if up { height - 1 - step } else { step };
+            let row_before = if up { y + 1 } else { y.wrapping_sub(1) };
+            for x in 0..width {
+                let cost = volume.padded_at(x, y);
+                let sum = &mut sum[(y * width + x) * stride..][..stride];
+                for (i, (before, next)) in before.iter().zip(&mut next).enumerate() {
+                    // Paths from the left, from straight ahead and from the right.
+                    let from = (x + i).wrapping_sub(1);
+                    let from = (step > 0 && from < width).then(|| (from, paths.jump((from, row_before), (x, y))));
+                    paths.step(simd, cost, from, before, (next, x), sum);
+                }
+            }
+            std::mem::swap(&mut before, &mut next);
+        }
+        sum
+    }
+}
+
+/// The paths along row `y`, both ways, added with those from below to the sum of those from above.
+struct Horizontal<'a> {
+    paths: &'a Paths<'a>,
+    y: usize,
+    up: &'a [i16],
+    fronts: &'a mut [Front; 2],
+    sum: &'a mut [i16],
+}
+
+impl WithSimd for Horizontal<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { paths, y, up, fronts: [before, next], sum } = self;
+        let (width, stride) = (paths.volume.width, paths.volume.stride());
+        for (sum, &up) in S::as_mut_simd_i16s(sum).0.iter_mut().zip(S::as_simd_i16s(up).0) {
+            *sum = simd.add_i16s(*sum, up);
+        }
+        for leftwards in [false, true] {
+            for step in 0..width {
+                let x = if leftwards { width - 1 - step } else { step };
+                let from = if leftwards { x + 1 } else { x.wrapping_sub(1) };
+                let from = (step > 0).then(|| (0, paths.jump((from, y), (x, y))));
+                let sum = &mut sum[x * stride..][..stride];
+                paths.step(simd, paths.volume.padded_at(x, y), from, before, (next, 0), sum);
+                std::mem::swap(before, next);
+            }
         }
     }
 }
@@ -136,57 +224,18 @@ impl Path {
 mod tests {
     use super::*;
     use crate::candidates::Candidates;
-
-    /// The recursion as written in the paper, one path after the other.
-    fn aggregate_direct(volume: &CostVolume, guide: &Grid<f32>, smoothness: &Smoothness) -> Vec<i32> {
-        let (w, h, n) = (volume.width as isize, volume.height as isize, volume.candidates.count);
-        let price = JumpPrice::new(smoothness);
-        let p1 = (smoothness.p1 * f32::from(COST_ONE)) as i32;
-        let mut sum = vec![0i32; volume.costs.len()];
-        let directions = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
-        for (dx, dy) in directions {
-            let mut path = vec![0i32; volume.costs.len()];
-            let xs: Vec<isize> = if dx >= 0 { (0..w).collect() } else { (0..w).rev().collect() };
-            let ys: Vec<isize> = if dy >= 0 { (0..h).collect() } else { (0..h).rev().collect() };
-            for &y in &ys {
-                for &x in &xs {
-                    let (px, py) = (x - dx, y - dy);
-                    let inside = px >= 0 && py >= 0 && px < w && py < h;
-                    for d in 0..n {
-                        let cost = i32::from(volume.at(x as usize, y as usize)[d]);
-                        let value = if inside {
-                            let before = &path[(py * w + px) as usize * n..][..n];
-                            let least = *before.iter().min().unwrap();
-                            let jump =
-                                price.between(guide[(x as usize, y as usize)], guide[(px as usize, py as usize)]);
-                            let mut best = before[d].min(least + i32::from(jump));
-                            if d > 0 {
-                                best = best.min(before[d - 1] + p1);
-                            }
-                            if d + 1 < n {
-                                best = best.min(before[d + 1] + p1);
-                            }
-                            cost + best - least
-                        } else {
-                            cost
-                        };
-                        path[(y * w + x) as usize * n + d] = value;
-                        sum[(y * w + x) as usize * n + d] += value;
-                    }
-                }
-            }
-        }
-        sum
-    }
+    use crate::twin;
 
     #[test]
     fn equals_the_plain_recursion() {
-        let (width, height, count) = (13, 9, 11);
-        let costs = (0..width * height * count).map(|i| ((i * 7919 + 13) % 1000) as i16).collect();
-        let volume = CostVolume { width, height, candidates: Candidates::uniform(1.0, 4.0, count), costs };
-        let guide = Grid::from_fn(width, height, |x, y| ((x * 31 + y * 17) % 10) as f32 / 10.0);
-        let smoothness = Smoothness::default();
-        let fast: Vec<i32> = aggregate(&volume, &guide, &smoothness).into_iter().map(i32::from).collect();
-        assert_eq!(fast, aggregate_direct(&volume, &guide, &smoothness));
+        for (width, height, count) in [(13, 9, 11), (7, 12, 16), (9, 5, 37)] {
+            let cost = |x: usize, y: usize, d: usize| ((((y * width + x) * count + d) * 7919 + 13) % 1000) as i16;
+            let volume = CostVolume::from_fn((width, height), Candidates::uniform(1.0, 4.0, count), cost);
+            let guide = Grid::from_fn(width, height, |x, y| ((x * 31 + y * 17) % 10) as f32 / 10.0);
+            let smoothness = Smoothness::default();
+            let fast = aggregate(&volume, &guide, &smoothness, |sums| sums.to_vec());
+            let fast: Vec<i32> = fast.as_slice().iter().flatten().map(|&sum| i32::from(sum)).collect();
+            assert_eq!(fast, twin::aggregate(&volume, &guide, &smoothness), "{width}x{height}, {count} candidates");
+        }
     }
 }

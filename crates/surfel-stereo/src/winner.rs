@@ -4,7 +4,6 @@
 //! of a candidate.
 
 use crate::candidates::Candidates;
-use surfel_core::Grid;
 
 /// A chosen inverse depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -15,16 +14,13 @@ pub struct Winner {
     pub uniqueness: f32,
 }
 
-/// Picks the winners from aggregated costs `[height][width][candidates]`.
-pub fn winners(width: usize, height: usize, candidates: &Candidates, aggregated: &[i16]) -> Grid<Winner> {
-    let n = candidates.count;
-    Grid::from_fn(width, height, |x, y| winner(&aggregated[(y * width + x) * n..][..n], candidates))
-}
-
-fn winner(costs: &[i16], candidates: &Candidates) -> Winner {
-    let best = (0..costs.len()).min_by_key(|&j| costs[j]).unwrap_or(0);
-    let cost = f32::from(costs[best]);
-    let rival = (0..costs.len()).filter(|&j| j.abs_diff(best) > 2).map(|j| costs[j]).min().map_or(f32::MAX, f32::from);
+/// The winner among the aggregated costs of a pixel.
+pub fn winner(costs: &[i16], candidates: &Candidates) -> Winner {
+    let smallest = |costs: &[i16]| costs.iter().fold(i16::MAX, |least, &cost| least.min(cost));
+    let cost = smallest(costs);
+    let best = costs.iter().position(|&c| c == cost).unwrap_or(0);
+    let rival = smallest(&costs[..best.saturating_sub(2)]).min(smallest(costs.get(best + 3..).unwrap_or(&[])));
+    let (cost, rival) = (f32::from(cost), f32::from(rival));
     let uniqueness = ((rival - cost) / rival.max(1.0)).clamp(0.0, 1.0);
     let index = best as f64 + f64::from(parabola_offset(costs, best));
     Winner { inverse_depth: candidates.inverse_depth(index) as f32, uniqueness }
