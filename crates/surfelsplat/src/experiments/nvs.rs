@@ -156,7 +156,8 @@ pub fn report(scores: &[TargetScore], surfels: &str, perceptual: Option<&Percept
         notes: vec![
             "PSNR in decibels and SSIM (Gaussian window of 11 pixels, sample covariance, 5 border pixels left out) on \
              sRGB in [0, 1]; pixels that no surfel reaches are black and count, except in the column of covered \
-             pixels. Two photographs do not see everything a third one does, so coverage limits the first column."
+             pixels. Pixels outside a photograph's mask are black in both, which flatters SSIM. Two photographs do not \
+             see everything a third one does, so coverage limits the first column."
                 .to_owned(),
         ],
         tables: vec![table],
