@@ -255,7 +255,7 @@ impl WithSimd for Score<'_> {
             }
             let seen = &scratch.seen[(row + halo) * padded..][..padded];
             for (cost, &seen) in cost.iter_mut().zip(seen) {
-                *cost = if seen == 1 { (0.5 * *cost * inverse).max(0.0).min(1.0) } else { f32::NAN };
+                *cost = if seen == 1 { (0.5 * *cost * inverse).clamp(0.0, 1.0) } else { f32::NAN };
             }
         }
     }
