@@ -3,7 +3,7 @@
 //! The photometric half of the sweep's matching cost; blind to gain and offset between the photographs. What
 //! depends on the reference alone is computed once, the rest are running sums of a vector of columns at a time.
 //! Invariant: the running sums give the direct correlation (in the tests) to rounding. Rows are padded to whole
-//! vectors ([`crate::vector::MAX_LANES`]) with zeros.
+//! vectors (`vector::MAX_LANES`) with zeros.
 
 use crate::vector::MAX_LANES;
 
