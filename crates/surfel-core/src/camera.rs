@@ -5,7 +5,7 @@
 //! has been removed before a `Camera` exists (see [`crate::lens`]).
 
 use crate::{Rigid, Similarity};
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Focal lengths and principal point in pixels, continuous coordinates (first pixel centre at 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +51,19 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// The camera of the flipped picture in the mirrored world: `S camera_from_world S` with `S = diag(-1, 1, 1)`, and
+    /// the principal point on the other side (spec 4.6).
+    pub fn mirrored(&self) -> Self {
+        let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+        let mut mirrored = *self;
+        mirrored.intrinsics.cx = self.width as f64 - self.intrinsics.cx;
+        mirrored.camera_from_world = Rigid {
+            rotation: mirror * self.camera_from_world.rotation * mirror,
+            translation: mirror * self.camera_from_world.translation,
+        };
+        mirrored
+    }
+
     /// Camera centre in the world.
     pub fn centre(&self) -> DVec3 {
         self.camera_from_world.inverse().translation

@@ -52,6 +52,14 @@ impl<T> Grid<T> {
         self.data.is_empty()
     }
 
+    /// Left to right, as a mirror shows it.
+    pub fn flipped(&self) -> Self
+    where
+        T: Copy,
+    {
+        Self::from_fn(self.width, self.height, |x, y| self[(self.width - 1 - x, y)])
+    }
+
     /// All pixels, row-major.
     pub fn as_slice(&self) -> &[T] {
         &self.data

@@ -3,7 +3,7 @@
 //! Invariant: the normal of the depth map of any plane is that plane's normal, at any focal length,
 //! principal point and unit.
 
-use crate::{Grid, Intrinsics};
+use crate::{Camera, Grid, Intrinsics};
 
 /// Unit normal per pixel from central differences of z-depth; `None` where the pixel or one of its four
 /// neighbours has no depth (not finite or <= 0), and on the border.
@@ -26,6 +26,15 @@ pub fn normal_from_gradient(k: &Intrinsics, x: f64, y: f64, z: f64, z_x: f64, z_
     let centre = k.principal_index();
     let n = glam::DVec3::new(k.fx * z_x, k.fy * z_y, -(z + (x - centre.x) * z_x + (y - centre.y) * z_y));
     n.normalize_or(glam::DVec3::NEG_Z).as_vec3().to_array()
+}
+
+/// Unit camera-frame normal of a surfel seen at index pixel `(x, y)`: the third axis of its `world_from_surfel`
+/// quaternion w x y z, turned to face the camera.
+pub fn normal_from_rotation(camera: &Camera, x: usize, y: usize, [w, i, j, k]: [f32; 4]) -> [f32; 3] {
+    let axis = glam::DQuat::from_xyzw(i.into(), j.into(), k.into(), w.into()).normalize() * glam::DVec3::Z;
+    let normal = camera.camera_from_world.rotation * axis;
+    let away = normal.dot(camera.ray(Camera::pixel_centre(x, y))) > 0.0;
+    (if away { -normal } else { normal }).as_vec3().to_array()
 }
 
 fn depth_at(depth: &Grid<f32>, x: usize, y: usize) -> Option<f64> {

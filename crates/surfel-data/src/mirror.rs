@@ -5,8 +5,7 @@
 //! mirroring twice gives the scene back, and points land where their mirror images do.
 
 use crate::{TrainingScene, TrainingView};
-use glam::{DMat3, DVec3};
-use surfel_core::{Camera, Grid, Rigid};
+use surfel_core::Grid;
 use surfel_synth::Random;
 
 /// The mirrored scene.
@@ -26,25 +25,10 @@ pub fn perhaps_mirrored(scene: TrainingScene, random: &mut Random) -> TrainingSc
 fn mirrored_view(view: &TrainingView) -> TrainingView {
     TrainingView {
         name: view.name.clone(),
-        image: flipped(&view.image),
-        camera: mirrored_camera(&view.camera),
-        depth: view.depth.as_ref().map(flipped),
-        normal: view.normal.as_ref().map(|map| flipped(map).map(|[x, y, z]| [-x, *y, *z])),
-        mask: view.mask.as_ref().map(flipped),
+        image: view.image.flipped(),
+        camera: view.camera.mirrored(),
+        depth: view.depth.as_ref().map(Grid::flipped),
+        normal: view.normal.as_ref().map(|map| map.flipped().map(|[x, y, z]| [-x, *y, *z])),
+        mask: view.mask.as_ref().map(Grid::flipped),
     }
-}
-
-fn flipped<T: Copy>(map: &Grid<T>) -> Grid<T> {
-    Grid::from_fn(map.width(), map.height(), |x, y| map[(map.width() - 1 - x, y)])
-}
-
-fn mirrored_camera(camera: &Camera) -> Camera {
-    let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-    let mut mirrored = *camera;
-    mirrored.intrinsics.cx = camera.width as f64 - camera.intrinsics.cx;
-    mirrored.camera_from_world = Rigid {
-        rotation: mirror * camera.camera_from_world.rotation * mirror,
-        translation: mirror * camera.camera_from_world.translation,
-    };
-    mirrored
 }

@@ -36,7 +36,7 @@ pub use burn::tensor::Device;
 pub use checkpoint::CheckpointError;
 pub use config::{ConfigError, NetConfig, Preset};
 pub use cost_volume::DepthRange;
-pub use head::SurfelTensors;
+pub use head::{SurfelTensors, values};
 pub use input::{InputError, SceneInput};
 pub use model::{Prediction, SurfelNet};
 pub use render::{RenderedMaps, render};

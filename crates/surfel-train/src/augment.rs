@@ -4,46 +4,29 @@
 //! mirroring twice gives the sample back, and a mirrored sample is one that could have been photographed.
 
 use crate::sample::Sample;
-use glam::{DMat3, DVec3};
-use surfel_core::{Camera, Grid, Rigid};
+use surfel_core::{Camera, Grid};
 use surfel_net::Seed;
 
 /// The mirrored sample.
 pub fn mirrored(sample: &Sample) -> Sample {
     let normal = |n: &[f32; 3]| [-n[0], n[1], n[2]];
     Sample {
-        images: sample.images.iter().map(flipped).collect(),
-        cameras: sample.cameras.iter().map(mirrored_camera).collect(),
+        images: sample.images.iter().map(Grid::flipped).collect(),
+        cameras: sample.cameras.iter().map(Camera::mirrored).collect(),
         ranges: sample.ranges.clone(),
         seeds: sample.seeds.iter().map(mirrored_seed).collect(),
-        depth: sample.depth.iter().map(flipped).collect(),
-        normal: sample.normal.iter().map(|map| flipped(map).map(normal)).collect(),
-        object: sample.object.iter().map(flipped).collect(),
+        depth: sample.depth.iter().map(Grid::flipped).collect(),
+        normal: sample.normal.iter().map(|map| map.flipped().map(normal)).collect(),
+        object: sample.object.iter().map(Grid::flipped).collect(),
     }
-}
-
-fn flipped<T: Copy>(map: &Grid<T>) -> Grid<T> {
-    Grid::from_fn(map.width(), map.height(), |x, y| map[(map.width() - 1 - x, y)])
-}
-
-/// `S camera_from_world S` with `S = diag(-1, 1, 1)`, and the principal point on the other side.
-fn mirrored_camera(camera: &Camera) -> Camera {
-    let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-    let mut mirrored = *camera;
-    mirrored.intrinsics.cx = camera.width as f64 - camera.intrinsics.cx;
-    mirrored.camera_from_world = Rigid {
-        rotation: mirror * camera.camera_from_world.rotation * mirror,
-        translation: mirror * camera.camera_from_world.translation,
-    };
-    mirrored
 }
 
 fn mirrored_seed(seed: &Seed) -> Seed {
     Seed {
-        planes: flipped(&seed.planes).map(|[w, w_x, w_y]| [*w, -w_x, *w_y]),
-        evidence: flipped(&seed.evidence),
-        correlation: flipped(&seed.correlation),
-        confidence: flipped(&seed.confidence),
+        planes: seed.planes.flipped().map(|[w, w_x, w_y]| [*w, -w_x, *w_y]),
+        evidence: seed.evidence.flipped(),
+        correlation: seed.correlation.flipped(),
+        confidence: seed.confidence.flipped(),
         step: seed.step,
     }
 }

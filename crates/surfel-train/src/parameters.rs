@@ -6,14 +6,10 @@
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, Tensor, TensorData};
 use std::collections::BTreeMap;
-use surfel_net::SurfelNet;
+use surfel_net::{SurfelNet, values};
 
 /// Values by name.
 pub type Named = BTreeMap<String, Vec<f32>>;
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("a network is trained in f32")
-}
 
 /// All weights.
 pub fn read(net: &SurfelNet) -> Named {

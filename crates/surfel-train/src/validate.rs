@@ -4,11 +4,11 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
-use surfel_core::normals::normal_from_gradient;
-use surfel_net::SurfelNet;
+use surfel_core::normals::{normal_from_gradient, normal_from_rotation};
+use surfel_net::{SurfelNet, values};
 
 /// Scores over the pixels of some samples, all or those of objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -109,7 +109,8 @@ pub fn validate(
                 let pixel = (i % camera.width, i / camera.width);
                 let matched =
                     (error(1.0 / plane[0]), seed.confidence.as_slice()[i], plane_normal(camera, pixel, plane));
-                let learned = (error(depth[k]), confidence[k], surfel_normal(camera, pixel, rotations[k]));
+                let learned =
+                    (error(depth[k]), confidence[k], normal_from_rotation(camera, pixel.0, pixel.1, rotations[k]));
                 let normal = sample.normal[v].as_slice()[i];
                 for (method, (relative, confidence, predicted)) in [matched, learned].into_iter().enumerate() {
                     let groups = if sample.object[v].as_slice()[i] { 0..2 } else { 0..1 };
@@ -131,16 +132,4 @@ pub fn validate(
 fn plane_normal(camera: &Camera, (x, y): (usize, usize), [w, w_x, w_y]: [f32; 3]) -> [f32; 3] {
     let z = 1.0 / f64::from(w);
     normal_from_gradient(&camera.intrinsics, x as f64, y as f64, z, -f64::from(w_x) * z * z, -f64::from(w_y) * z * z)
-}
-
-/// The third axis of a surfel in the camera, turned to face it.
-fn surfel_normal(camera: &Camera, (x, y): (usize, usize), [w, i, j, k]: [f32; 4]) -> [f32; 3] {
-    let axis = glam::DQuat::from_xyzw(i.into(), j.into(), k.into(), w.into()).normalize() * glam::DVec3::Z;
-    let normal = camera.camera_from_world.rotation * axis;
-    let away = normal.dot(camera.ray(Camera::pixel_centre(x, y))) > 0.0;
-    (if away { -normal } else { normal }).as_vec3().to_array()
-}
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("a network runs in f32")
 }

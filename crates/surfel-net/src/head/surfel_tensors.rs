@@ -35,7 +35,10 @@ impl SurfelTensors {
 }
 
 /// A tensor's values, row-major.
-pub(crate) fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+///
+/// # Panics
+/// If the tensor is not of f32, in which every network here runs.
+pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec().expect("a network runs in f32")
 }
 

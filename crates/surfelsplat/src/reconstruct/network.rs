@@ -4,11 +4,11 @@
 //! pixel outside the photograph's mask has neither depth nor surfel.
 
 use super::error::ReconstructError;
-use burn::tensor::{Device, Tensor};
-use glam::{DQuat, DVec3};
+use burn::tensor::Device;
+use surfel_core::normals::normal_from_rotation;
 use surfel_core::nyquist::{NyquistMode, adapt, sampling_rate};
 use surfel_core::{Camera, Grid, Surfels, View};
-use surfel_net::{DepthRange, SceneInput, Seed, SurfelNet};
+use surfel_net::{DepthRange, SceneInput, Seed, SurfelNet, values};
 use surfel_stereo::DepthEstimate;
 
 /// Depth, normals and confidence by the network, and the surfels it predicts; working frame.
@@ -76,7 +76,11 @@ pub fn refine(
         learned.push(DepthEstimate {
             depth: Grid::from_fn(width, height, |x, y| if seen(x, y) { depth[at(x, y)] } else { 0.0 }),
             normal: Grid::from_fn(width, height, |x, y| {
-                if seen(x, y) { facing_normal(&view.camera, (x, y), surfels.rotations[at(x, y)]) } else { [0.0; 3] }
+                if seen(x, y) {
+                    normal_from_rotation(&view.camera, x, y, surfels.rotations[at(x, y)])
+                } else {
+                    [0.0; 3]
+                }
             }),
             confidence: Grid::from_fn(width, height, |x, y| if seen(x, y) { confidence[at(x, y)] } else { 0.0 }),
             ..estimate.clone()
@@ -92,16 +96,4 @@ const LOW_PASS_PX: f64 = 0.6;
 fn low_passed(scales: [f32; 2], depth: f32, camera: &Camera) -> [f32; 2] {
     let rate = sampling_rate(NyquistMode::Consistent, camera.intrinsics.fx, camera.intrinsics.fy, f64::from(depth));
     scales.map(|scale| adapt(NyquistMode::Consistent, f64::from(scale), rate, LOW_PASS_PX) as f32)
-}
-
-/// The third axis of a surfel in its camera, turned to face it.
-fn facing_normal(camera: &Camera, (x, y): (usize, usize), [w, i, j, k]: [f32; 4]) -> [f32; 3] {
-    let axis = DQuat::from_xyzw(i.into(), j.into(), k.into(), w.into()).normalize() * DVec3::Z;
-    let normal = camera.camera_from_world.rotation * axis;
-    let away = normal.dot(camera.ray(Camera::pixel_centre(x, y))) > 0.0;
-    (if away { -normal } else { normal }).as_vec3().to_array()
-}
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("a network runs in f32")
 }
