@@ -113,7 +113,7 @@ fn training_ms(scene: &SceneInput) -> f64 {
     best_ms(3, || {
         let prediction = net.forward(scene, &device).expect("the scene is usable");
         let surfels = prediction.surfels;
-        let loss = prediction.depth.sum()
+        let loss = prediction.maps.depth.sum()
             + surfels.centres.powi_scalar(2).sum()
             + surfels.scales.powi_scalar(2).sum()
             + surfels.rotations.powi_scalar(2).sum()

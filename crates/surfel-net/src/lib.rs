@@ -38,6 +38,6 @@ pub use config::{ConfigError, NetConfig, Preset};
 pub use cost_volume::DepthRange;
 pub use head::{SurfelTensors, values};
 pub use input::{InputError, SceneInput};
-pub use model::{Prediction, SurfelNet};
+pub use model::{EncoderMaps, Prediction, SurfelNet};
 pub use render::{RenderedMaps, render};
 pub use seed::Seed;

@@ -41,14 +41,24 @@ pub struct SurfelNet {
     config: NetConfig,
 }
 
-/// What the network says about a scene.
+/// What the encoder says of every pixel, before there are surfels.
 #[derive(Clone, Debug)]
-pub struct Prediction {
+pub struct EncoderMaps {
     /// z-depth, scene units, `[views, height, width]`.
     pub depth: Tensor<3>,
     /// How sure the depth is, in [0, 1], `[views, height, width]`: the largest probability of a coarse candidate,
     /// in a seeded network the density, which training calibrates.
     pub confidence: Tensor<3>,
+    /// Unit normals of the planes, camera frame, facing the camera, `[views, 3, height, width]`; only a seeded
+    /// network has planes.
+    pub normals: Option<Tensor<4>>,
+}
+
+/// What the network says about a scene.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// The encoder's maps.
+    pub maps: EncoderMaps,
     /// Surfels of the first head pass.
     pub initial: SurfelTensors,
     /// Sampling rates and adapted scales of the initial surfels; absent without aggregation.
@@ -113,6 +123,36 @@ impl SurfelNet {
     /// # Errors
     /// [`InputError`] when views are missing, differ in size, or have an unusable camera or depth range.
     pub fn forward(&self, scene: &SceneInput, device: &Device) -> Result<Prediction, InputError> {
+        let Encoded { maps, opacity, features, targets } = self.encode(scene, device)?;
+        let base = maps
+            .normals
+            .clone()
+            .map(|normals| Base { frames: frames_from_normals(-normals), colours: image_tensor(scene.images, device) });
+        let depth = maps.depth.clone().unsqueeze_dim(1);
+        let adapter = Adapter::new(scene.cameras, &self.config.head, device);
+        let surfels_of = |features: Tensor<4>| {
+            adapter.forward(self.head.forward(features), depth.clone(), opacity.clone(), base.as_ref())
+        };
+        let initial = surfels_of(features.clone());
+        let (adaptation, surfels) = match &self.aggregation {
+            Some(aggregation) => {
+                let (adaptation, regions) = self.regions(&initial, scene, &targets);
+                (Some(adaptation), surfels_of(aggregation.forward(features, Arc::new(regions))))
+            }
+            None => (None, initial.clone()),
+        };
+        Ok(Prediction { maps, initial, adaptation, surfels })
+    }
+
+    /// The encoder's maps of a scene alone: depth, confidence and normals as [`Self::forward`] gives them.
+    ///
+    /// # Errors
+    /// As [`Self::forward`].
+    pub fn forward_maps(&self, scene: &SceneInput, device: &Device) -> Result<EncoderMaps, InputError> {
+        Ok(self.encode(scene, device)?.maps)
+    }
+
+    fn encode(&self, scene: &SceneInput, device: &Device) -> Result<Encoded, InputError> {
         scene.check()?;
         let expected = if self.config.seeded.is_some() { scene.images.len() } else { 0 };
         if scene.seeds.len() != expected {
@@ -131,34 +171,17 @@ impl SurfelNet {
         let disparity = disparity(crop(refined.disparity), scene.ranges);
         let opacity = crop(refined.density);
         let mut features = crop(refined.features);
-        let mut base = None;
-        if let Some(slopes) = refined.slopes {
-            let normals = normals_away(scene.cameras, disparity.clone(), crop(slopes), device);
+        let normals = refined.slopes.map(|slopes| normals_away(scene.cameras, disparity.clone(), crop(slopes), device));
+        if let Some(normals) = &normals {
             features = Tensor::cat(vec![features, normals.clone(), opacity.clone()], 1);
-            base = Some(Base { frames: frames_from_normals(normals), colours: image_tensor(scene.images, device) });
         }
-        let depth = disparity.recip();
-
-        let adapter = Adapter::new(scene.cameras, &self.config.head, device);
-        let surfels_of = |features: Tensor<4>| {
-            adapter.forward(self.head.forward(features), depth.clone(), opacity.clone(), base.as_ref())
+        let of_views = |map: Tensor<4>| map.reshape([scene.images.len(), height, width]);
+        let maps = EncoderMaps {
+            depth: of_views(disparity.recip()),
+            confidence: of_views(crop(confidence)),
+            normals: normals.map(|normals| -normals),
         };
-        let initial = surfels_of(features.clone());
-        let (adaptation, surfels) = match &self.aggregation {
-            Some(aggregation) => {
-                let (adaptation, regions) = self.regions(&initial, scene, &targets);
-                (Some(adaptation), surfels_of(aggregation.forward(features, Arc::new(regions))))
-            }
-            None => (None, initial.clone()),
-        };
-        let views = scene.images.len();
-        Ok(Prediction {
-            depth: depth.reshape([views, height, width]),
-            confidence: crop(confidence).reshape([views, height, width]),
-            initial,
-            adaptation,
-            surfels,
-        })
+        Ok(Encoded { maps, opacity, features, targets })
     }
 
     /// Features and depth at the padded size; also the confidence.
@@ -231,6 +254,17 @@ impl SurfelNet {
         let regions = regions(&shapes, scales, scene.cameras, targets, &near_clips, &self.config.nyquist);
         (adaptation, regions)
     }
+}
+
+/// The encoder's maps and what the surfels need besides.
+struct Encoded {
+    maps: EncoderMaps,
+    /// `[views, 1, height, width]`.
+    opacity: Tensor<4>,
+    /// `[views, channels, height, width]`.
+    features: Tensor<4>,
+    /// Views whose images each view's surfels are looked for in, itself first.
+    targets: Vec<Vec<usize>>,
 }
 
 /// Draws all initial weights at once; burn would do so at their first use, in an order that depends on it.

@@ -40,7 +40,9 @@ mod tests {
 
     fn sample() -> Sample {
         let kind = SourceKind::Analytic;
-        let config = SourceConfig { kind, seed: 1, width: 40, height: 32, num_views: 2, room_share: 0.0 };
+        let (pair_angle_deg, defects) = ([6.0, 20.0], 1.0);
+        let (seed, width, height, num_views, room_share) = (1, 40, 32, 2, 0.0);
+        let config = SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects };
         Source::open(&config, Split::Train, None).unwrap().sample(0).unwrap()
     }
 

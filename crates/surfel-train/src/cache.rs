@@ -6,7 +6,7 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
-use crate::source::{Source, SourceConfig, SourceKind};
+use crate::source::{Source, SourceConfig};
 use glam::{DMat3, DVec3};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::path::{Path, PathBuf};
@@ -30,12 +30,7 @@ impl Cache {
     /// # Errors
     /// When the folder cannot be made.
     pub fn new(source: Source, config: &SourceConfig, folder: Option<&Path>, side: &str) -> Result<Self, TrainError> {
-        let folder = folder.map(|folder| {
-            let SourceConfig { seed, width, height, num_views, room_share, kind } = config;
-            let kind = if *kind == SourceKind::Scans { "scans" } else { "analytic" };
-            let rooms = (100.0 * room_share).round();
-            folder.join(format!("{side}-{kind}-{width}x{height}-{num_views}views-{rooms}rooms-seed{seed}"))
-        });
+        let folder = folder.map(|folder| folder.join(config.folder_name(side)));
         if let Some(folder) = &folder {
             std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         }
@@ -170,12 +165,15 @@ fn camera_from_values(values: &[f64]) -> (Camera, DepthRange, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::SourceKind;
     use surfel_synth::Split;
 
     #[test]
     fn a_cached_sample_is_the_sample() {
         let kind = SourceKind::Analytic;
-        let config = SourceConfig { kind, seed: 3, width: 48, height: 32, num_views: 2, room_share: 0.0 };
+        let (pair_angle_deg, defects) = ([6.0, 20.0], 1.0);
+        let (seed, width, height, num_views, room_share) = (3, 48, 32, 2, 0.0);
+        let config = SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects };
         let open = || Source::open(&config, Split::Train, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();

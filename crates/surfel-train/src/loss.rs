@@ -8,7 +8,7 @@ use crate::sample::Sample;
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 use surfel_core::Grid;
-use surfel_net::{Prediction, SurfelTensors};
+use surfel_net::{EncoderMaps, Prediction, SurfelTensors};
 
 /// Weights of the terms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,40 +20,47 @@ pub struct LossWeights {
     pub normal: f64,
     /// The same of the initial surfels.
     pub initial_normal: f64,
+    /// The same of the planes under the surfels, before the head's say.
+    #[serde(default)]
+    pub plane_normal: f64,
     /// Opacity as the probability that the depth is right.
     pub opacity: f64,
 }
 
-/// The terms of one sample, each a scalar tensor, unweighted.
-pub struct Terms {
-    /// Mean robust error in steps.
-    pub depth: Tensor<1>,
-    /// Mean chord between unit normals.
-    pub normal: Tensor<1>,
-    /// The same of the initial surfels.
-    pub initial_normal: Tensor<1>,
-    /// Mean cross-entropy of the opacity.
-    pub opacity: Tensor<1>,
+impl LossWeights {
+    /// Whether a term looks at the surfels, or only at the encoder's maps.
+    pub fn needs_surfels(&self) -> bool {
+        self.normal != 0.0 || self.initial_normal != 0.0
+    }
 }
 
+/// What a network says of a sample, as far as the loss asks for it.
+#[derive(Clone, Copy)]
+pub struct Said<'a> {
+    /// The encoder's maps.
+    pub maps: &'a EncoderMaps,
+    /// Initial and final surfels.
+    pub surfels: Option<[&'a SurfelTensors; 2]>,
+}
+
+impl<'a> From<&'a Prediction> for Said<'a> {
+    fn from(prediction: &'a Prediction) -> Self {
+        Self { maps: &prediction.maps, surfels: Some([&prediction.initial, &prediction.surfels]) }
+    }
+}
+
+/// The terms of one sample: name, weight and unweighted scalar of each that has a weight.
+pub struct Terms(Vec<(&'static str, f64, Tensor<1>)>);
+
 impl Terms {
-    /// The weighted sum.
-    pub fn total(&self, weights: &LossWeights) -> Tensor<1> {
-        self.depth.clone() * weights.depth
-            + self.normal.clone() * weights.normal
-            + self.initial_normal.clone() * weights.initial_normal
-            + self.opacity.clone() * weights.opacity
+    /// The weighted sum; `None` when no term has a weight.
+    pub fn total(&self) -> Option<Tensor<1>> {
+        self.0.iter().map(|(_, weight, term)| term.clone() * *weight).reduce(|sum, term| sum + term)
     }
 
     /// Name and value of each.
     pub fn named(&self) -> Vec<(&'static str, f64)> {
-        let value = |term: &Tensor<1>| f64::from(term.clone().into_scalar::<f32>());
-        vec![
-            ("depth", value(&self.depth)),
-            ("normal", value(&self.normal)),
-            ("initial_normal", value(&self.initial_normal)),
-            ("opacity", value(&self.opacity)),
-        ]
+        self.0.iter().map(|(name, _, term)| (*name, f64::from(term.clone().into_scalar::<f32>()))).collect()
     }
 }
 
@@ -66,30 +73,49 @@ const LARGEST_STEPS: f64 = 16.0;
 /// Relative depth error up to which a pixel counts as right.
 const RIGHT: f64 = 0.01;
 
-/// The terms of a prediction of `sample`.
-pub fn terms(prediction: &Prediction, sample: &Sample, device: &Device) -> Terms {
+/// The terms of what is `said` of `sample` that have a weight.
+pub fn terms(said: Said, sample: &Sample, weights: &LossWeights, device: &Device) -> Terms {
     let truth = Truth::of(sample, device);
     let Truth { inverse_depth, mask, inverse_step, normals, normal_mask } = truth;
-    let predicted = prediction.depth.clone().recip();
-    let error = ((predicted.clone() - inverse_depth.clone()) * inverse_step).abs().clamp_max(LARGEST_STEPS);
-    let robust = (error.clone() / KNEE_STEPS).log1p() * KNEE_STEPS + error * LINEAR;
-    let relative = (inverse_depth.clone() / predicted.detach() - 1.0).abs();
-    let right = relative.lower_equal_elem(RIGHT).float() * mask.clone();
-    let opacity = prediction.confidence.clone().clamp(1e-4, 1.0 - 1e-4);
-    let entropy = -(right.clone() * opacity.clone().log() + (-right + 1.0) * (-opacity + 1.0).log());
-    // Where there is no surface the opacity should be low as well: those pixels count a little.
-    let normal = |surfels: &SurfelTensors| {
-        let difference = facing(surfels, sample, device) - normals.clone();
+    let predicted = said.maps.depth.clone().recip();
+    let depth = || {
+        let error = ((predicted.clone() - inverse_depth.clone()) * inverse_step.clone()).abs();
+        let error = error.clamp_max(LARGEST_STEPS);
+        let robust = (error.clone() / KNEE_STEPS).log1p() * KNEE_STEPS + error * LINEAR;
+        mean(robust.flatten(0, 2), mask.clone().flatten(0, 2))
+    };
+    let opacity = || {
+        let relative = (inverse_depth.clone() / predicted.clone().detach() - 1.0).abs();
+        let right = relative.lower_equal_elem(RIGHT).float() * mask.clone();
+        let opacity = said.maps.confidence.clone().clamp(1e-4, 1.0 - 1e-4);
+        let entropy = -(right.clone() * opacity.clone().log() + (-right + 1.0) * (-opacity + 1.0).log());
+        // Where there is no surface the opacity should be low as well: those pixels count a little.
+        entropy.mean()
+    };
+    let chord = |normal: Tensor<2>| {
+        let difference = normal - normals.clone();
         // The chord itself, not its square as in the paper: squares pull towards the mean of the doubtful.
         let chord = (difference.powi_scalar(2).sum_dim(1) + 1e-4).sqrt();
         mean(chord.squeeze_dim::<1>(1), normal_mask.clone())
     };
-    Terms {
-        depth: mean(robust.flatten(0, 2), mask.flatten(0, 2)),
-        normal: normal(&prediction.surfels),
-        initial_normal: normal(&prediction.initial),
-        opacity: entropy.mean(),
-    }
+    let mut terms = vec![];
+    let mut add = |name, weight: f64, term: &dyn Fn() -> Option<Tensor<1>>| {
+        if weight != 0.0 {
+            terms.extend(term().map(|term| (name, weight, term)));
+        }
+    };
+    let of_surfels = |which: usize| said.surfels.map(|surfels| chord(facing(surfels[which], sample, device)));
+    let of_planes = || {
+        let normals = said.maps.normals.clone()?;
+        let count = sample.num_views() * sample.depth[0].len();
+        Some(chord(normals.permute([0, 2, 3, 1]).reshape([count, 3])))
+    };
+    add("depth", weights.depth, &|| Some(depth()));
+    add("normal", weights.normal, &|| of_surfels(1));
+    add("initial_normal", weights.initial_normal, &|| of_surfels(0));
+    add("plane_normal", weights.plane_normal, &of_planes);
+    add("opacity", weights.opacity, &|| Some(opacity()));
+    Terms(terms)
 }
 
 struct Truth {

@@ -35,6 +35,32 @@ pub struct SourceConfig {
     pub num_views: usize,
     /// Share of rooms among rendered scenes.
     pub room_share: f64,
+    /// Angle between neighbouring cameras around scans, degrees, least and most.
+    #[serde(default = "usual_angles")]
+    pub pair_angle_deg: [f64; 2],
+    /// How bad the cameras around scans are: factor of noise, changes of exposure and share of JPEG; 0 = flawless.
+    #[serde(default = "usual_defects")]
+    pub defects: f64,
+}
+
+fn usual_angles() -> [f64; 2] {
+    SynthConfig::default().pair_angle_deg
+}
+
+fn usual_defects() -> f64 {
+    1.0
+}
+
+impl SourceConfig {
+    /// What tells its samples from those of other settings, as the name of a folder.
+    pub(crate) fn folder_name(&self, side: &str) -> String {
+        let Self { kind, seed, width, height, num_views, room_share, pair_angle_deg: [least, most], defects } = self;
+        let kind = if *kind == SourceKind::Scans { "scans" } else { "analytic" };
+        let [rooms, defects] = [room_share, defects].map(|share| (100.0 * share).round());
+        format!(
+            "{side}-{kind}-{width}x{height}-{num_views}views-{rooms}rooms-{least}to{most}deg-{defects}defects-seed{seed}"
+        )
+    }
 }
 
 /// A source, opened for one side of the split.
@@ -76,12 +102,17 @@ impl Source {
         let seed = random.bits();
         let rendered: Vec<_> = match self {
             Self::Scans { library, config } => {
+                let usual = SynthConfig::default();
                 let synth = SynthConfig {
                     width: config.width,
                     height: config.height,
                     num_views: config.num_views,
                     room_share: config.room_share,
-                    ..SynthConfig::default()
+                    pair_angle_deg: config.pair_angle_deg,
+                    exposure_stops: config.defects * usual.exposure_stops,
+                    noise: config.defects * usual.noise,
+                    jpeg: ((config.defects * usual.jpeg.0).min(1.0), usual.jpeg.1),
+                    ..usual
                 };
                 let scene = SceneSampler::new(library, synth).scene(seed)?;
                 (0..scene.num_views()).map(|view| scene.render(view)).collect()

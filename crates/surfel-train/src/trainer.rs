@@ -9,7 +9,7 @@ use crate::augment::mirrored;
 use crate::cache::Cache;
 use crate::config::{SourceEntry, TrainConfig};
 use crate::error::TrainError;
-use crate::loss;
+use crate::loss::{self, Said, Terms};
 use crate::parameters::{self, Named};
 use crate::sample::Sample;
 use crate::source::Source;
@@ -205,14 +205,24 @@ impl Trainer {
         self.config.rate.at(step, self.config.steps)
     }
 
+    /// What is wrong with the network's answer; surfels are made only when a term looks at them.
+    fn terms(&self, sample: &Sample) -> Result<Terms, TrainError> {
+        let (input, weights) = (sample.input(), &self.config.loss);
+        if weights.needs_surfels() {
+            let prediction = self.net.forward(&input, &self.device)?;
+            return Ok(loss::terms((&prediction).into(), sample, weights, &self.device));
+        }
+        let maps = self.net.forward_maps(&input, &self.device)?;
+        Ok(loss::terms(Said { maps: &maps, surfels: None }, sample, weights, &self.device))
+    }
+
     /// One step of the optimiser.
     fn learn(&mut self, samples: &[Sample], meter: &mut Meter) -> Result<(), TrainError> {
         let mut gradients = Named::new();
         let share = 1.0 / samples.len() as f32;
         for sample in samples {
-            let prediction = self.net.forward(&sample.input(), &self.device)?;
-            let terms = loss::terms(&prediction, sample, &self.device);
-            let total = terms.total(&self.config.loss);
+            let terms = self.terms(sample)?;
+            let Some(total) = terms.total() else { continue };
             let value = f64::from(total.clone().into_scalar::<f32>());
             if !value.is_finite() {
                 return Err(TrainError::Diverged { step: self.state.step, loss: value });

@@ -91,8 +91,8 @@ pub fn validate(
     for sample in samples {
         let sample = sample?;
         let prediction = net.forward(&sample.input(), device)?;
-        let depth = values(prediction.depth);
-        let confidence = values(prediction.confidence);
+        let depth = values(prediction.maps.depth);
+        let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;
         let pixels = sample.depth[0].len();
         for v in 0..sample.num_views() {

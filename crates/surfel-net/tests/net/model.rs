@@ -80,10 +80,10 @@ fn assert_close(a: &[f32], b: &[f32], tolerance: f32) {
 
 fn assert_valid(prediction: &Prediction, scene: &Scene) {
     let (views, width, height) = (scene.images.len(), scene.images[0].width(), scene.images[0].height());
-    assert_eq!(prediction.depth.dims(), [views, height, width]);
+    assert_eq!(prediction.maps.depth.dims(), [views, height, width]);
     let range = scene.ranges[0];
     let inside = |z: &f32| f64::from(*z) >= range.near * 0.9999 && f64::from(*z) <= range.far * 1.0001;
-    assert!(values(&prediction.depth).iter().all(inside));
+    assert!(values(&prediction.maps.depth).iter().all(inside));
     let surfels = prediction.surfels.to_surfels();
     assert_eq!(surfels.len(), views * width * height);
     assert!(surfels.is_consistent());
@@ -137,7 +137,7 @@ fn swapping_views_swaps_outputs() {
     let net = net(tiny(), &device);
     let forward = net.forward(&Scene::new(2, 48, 32, 1.0).input(), &device).unwrap();
     let swapped = net.forward(&Scene::new(2, 48, 32, 1.0).reversed().input(), &device).unwrap();
-    let (a, b) = (values(&forward.depth), values(&swapped.depth));
+    let (a, b) = (values(&forward.maps.depth), values(&swapped.maps.depth));
     let half = a.len() / 2;
     assert_close(&a[..half], &b[half..], 1e-4);
     assert_close(&a[half..], &b[..half], 1e-4);
@@ -152,7 +152,7 @@ fn scaling_the_scene_scales_the_surfels() {
     let one = net.forward(&Scene::new(2, 48, 32, 1.0).input(), &device).unwrap();
     let large = net.forward(&Scene::new(2, 48, 32, unit).input(), &device).unwrap();
     let scaled = |v: Vec<f32>| v.iter().map(|v| v * unit as f32).collect::<Vec<_>>();
-    assert_close(&scaled(values(&one.depth)), &values(&large.depth), 1e-3);
+    assert_close(&scaled(values(&one.maps.depth)), &values(&large.maps.depth), 1e-3);
     assert_close(&scaled(values(&one.surfels.scales)), &values(&large.surfels.scales), 1e-3);
     assert_close(&values(&one.surfels.rotations), &values(&large.surfels.rotations), 1e-3);
     assert_close(&values(&one.surfels.sh), &values(&large.surfels.sh), 1e-3);
@@ -183,7 +183,7 @@ fn gradients_reach_every_parameter() {
     let scene = Scene::new(2, 32, 32, 1.0);
     let prediction = net.forward(&scene.input(), &device).unwrap();
     let surfels = &prediction.surfels;
-    let loss = prediction.depth.clone().sum()
+    let loss = prediction.maps.depth.clone().sum()
         + surfels.centres.clone().powi_scalar(2).sum()
         + surfels.scales.clone().log().sum()
         + surfels.rotations.clone().powi_scalar(3).sum()
@@ -210,7 +210,7 @@ fn weights_survive_a_file_and_other_networks_refuse_it() {
         device.seed(99);
         SurfelNet::new(tiny(), &device).unwrap()
     };
-    let depth = |net: &SurfelNet| values(&net.forward(&scene.input(), &device).unwrap().depth);
+    let depth = |net: &SurfelNet| values(&net.forward(&scene.input(), &device).unwrap().maps.depth);
     assert_ne!(depth(&trained), depth(&other));
     let loaded = checkpoint::load(other, &path).unwrap();
     assert_eq!(depth(&trained), depth(&loaded));

@@ -46,7 +46,7 @@ fn a_fresh_network_returns_the_plane_and_lies_in_it() {
         let scene = Scene::new(views, width, height, 1.0);
         let seeds = seeds(&scene, AWAY, 3.0);
         let prediction = net(config(), &device).forward(&input(&scene, &seeds), &device).unwrap();
-        let depth = values(&prediction.depth);
+        let depth = values(&prediction.maps.depth);
         let surfels = prediction.surfels.to_surfels();
         for k in 0..depth.len() {
             let (v, i) = (k / (width * height), k % (width * height));
@@ -69,7 +69,7 @@ fn unit_and_range_do_not_matter_and_the_world_may_move() {
     let mut large = Scene::new(2, 48, 32, 500.0);
     large.ranges.iter_mut().for_each(|range| range.far *= 2.0);
     let other = net.forward(&input(&large, &seeds(&large, AWAY, 1500.0)), &device).unwrap();
-    for (a, b) in values(&one.depth).iter().zip(values(&other.depth)) {
+    for (a, b) in values(&one.maps.depth).iter().zip(values(&other.maps.depth)) {
         assert!((500.0 * a - b).abs() < 2e-3 * b, "{a} vs {b}");
     }
     let mut moved = Scene::new(2, 48, 32, 1.0);
@@ -92,8 +92,8 @@ fn swapping_views_swaps_outputs() {
     let device = Device::flex();
     let net = net(config(), &device);
     let (scene, reversed) = (Scene::new(2, 48, 32, 1.0), Scene::new(2, 48, 32, 1.0).reversed());
-    let a = values(&net.forward(&input(&scene, &seeds(&scene, AWAY, 3.0)), &device).unwrap().depth);
-    let b = values(&net.forward(&input(&reversed, &seeds(&reversed, AWAY, 3.0)), &device).unwrap().depth);
+    let a = values(&net.forward(&input(&scene, &seeds(&scene, AWAY, 3.0)), &device).unwrap().maps.depth);
+    let b = values(&net.forward(&input(&reversed, &seeds(&reversed, AWAY, 3.0)), &device).unwrap().maps.depth);
     let half = a.len() / 2;
     assert!(a[..half].iter().zip(&b[half..]).all(|(a, b)| (a - b).abs() < 1e-4 * a));
 }

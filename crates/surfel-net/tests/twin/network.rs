@@ -29,8 +29,8 @@ fn assert_equal(fixture: &Fixture, config: NetConfig, size: (usize, usize), seed
         outputs.extend([
             out("initial_scales", prediction.initial.scales),
             out("initial_rotations", prediction.initial.rotations),
-            out("depth", prediction.depth),
-            out("confidence", prediction.confidence),
+            out("depth", prediction.maps.depth),
+            out("confidence", prediction.maps.confidence),
         ]);
         outputs
     });

@@ -48,7 +48,7 @@ pub fn refine(
         if net.config().seeded.is_some() { estimates.iter().map(Seed::from).collect() } else { Vec::new() };
     let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
     let prediction = net.forward(&scene, &device)?;
-    let (depth, confidence) = (values(prediction.depth), values(prediction.confidence));
+    let (depth, confidence) = (values(prediction.maps.depth), values(prediction.maps.confidence));
     let surfels = prediction.surfels.to_surfels();
     let initial = prediction.initial.to_surfels().scales;
     let adapted: Vec<[f32; 2]> = match &prediction.adaptation {
