@@ -26,6 +26,9 @@ pub struct TrainConfig {
     pub clip: f64,
     /// Learning rate over the steps.
     pub rate: OneCycle,
+    /// Weights that are measured and kept are means over about `1 / (1 - averaging)` steps; 0 = the last ones.
+    #[serde(default)]
+    pub averaging: f64,
     /// Weights of the loss.
     pub loss: LossWeights,
     /// Samples to learn from; the first `num_samples` of each source, in an order drawn anew every epoch.
@@ -81,6 +84,7 @@ impl TrainConfig {
             ("batch", config.batch > 0),
             ("clip", config.clip > 0.0),
             ("rate.rate", config.rate.rate > 0.0),
+            ("1 - averaging", config.averaging < 1.0),
             ("every.log", config.every.log > 0),
             ("every.validate", config.every.validate > 0),
             ("every.checkpoint", config.every.checkpoint > 0),

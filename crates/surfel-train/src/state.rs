@@ -1,6 +1,6 @@
 //! A run on disk: weights, optimiser, position. Exact resume after any interruption.
 //!
-//! `checkpoint.safetensors` holds tensors `weight.*`, `first.*`, `second.*` and, in its header, the step and the
+//! `checkpoint.safetensors` holds tensors `weight.*`, `average.*`, `first.*`, `second.*` and, in its header, the step and the
 //! configuration. Invariant: the file is written beside its place and renamed, so there is always a whole one.
 
 use crate::adam::{AdamState, Moments};
@@ -18,10 +18,36 @@ pub struct State {
     pub step: u64,
     /// Weights by name.
     pub weights: Named,
+    /// Their mean over the last steps, by name; empty in a run without averaging.
+    pub average: Named,
     /// Optimiser.
     pub adam: AdamState,
     /// Best share within 1 % so far, and its step.
     pub best: Option<(f64, u64)>,
+}
+
+impl State {
+    /// The start of a run.
+    pub fn new(weights: Named) -> Self {
+        Self { step: 0, weights, average: Named::new(), adam: AdamState::default(), best: None }
+    }
+
+    /// Draws the mean towards the weights; the first weights weigh less than `decay` says, for they are the worst.
+    pub fn average(&mut self, decay: f64) {
+        if decay <= 0.0 {
+            return;
+        }
+        let decay = decay.min((1.0 + self.step as f64) / (10.0 + self.step as f64)) as f32;
+        for (name, weights) in &self.weights {
+            let mean = self.average.entry(name.clone()).or_insert_with(|| weights.clone());
+            mean.iter_mut().zip(weights).for_each(|(mean, weight)| *mean += (1.0 - decay) * (weight - *mean));
+        }
+    }
+
+    /// The weights that are measured and kept.
+    pub fn kept(&self) -> &Named {
+        if self.average.is_empty() { &self.weights } else { &self.average }
+    }
 }
 
 /// Writes a checkpoint.
@@ -34,6 +60,9 @@ pub fn save(state: &State, config: &TrainConfig, path: &Path) -> Result<(), Trai
     let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
     for (name, weights) in &state.weights {
         tensors.push((format!("weight.{name}"), bytes(weights)));
+    }
+    for (name, average) in &state.average {
+        tensors.push((format!("average.{name}"), bytes(average)));
     }
     for (name, moments) in &state.adam.moments {
         tensors.push((format!("first.{name}"), bytes(&moments.first)));
@@ -75,12 +104,13 @@ pub fn load(config: &TrainConfig, path: &Path) -> Result<State, TrainError> {
         let reason = "its configuration differs".to_owned();
         return Err(TrainError::OtherRun { path: path.to_path_buf(), reason });
     }
-    let mut weights = Named::new();
+    let (mut weights, mut average) = (Named::new(), Named::new());
     let mut moments: BTreeMap<String, Moments> = BTreeMap::new();
     for (name, tensor) in file.tensors() {
         let values: Vec<f32> = tensor.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         match name.split_once('.') {
             Some(("weight", name)) => drop(weights.insert(name.to_owned(), values)),
+            Some(("average", name)) => drop(average.insert(name.to_owned(), values)),
             Some(("first", name)) => moments.entry(name.to_owned()).or_default().first = values,
             Some(("second", name)) => moments.entry(name.to_owned()).or_default().second = values,
             _ => return Err(damaged(format!("nobody knows its tensor {name}"))),
@@ -90,5 +120,25 @@ pub fn load(config: &TrainConfig, path: &Path) -> Result<State, TrainError> {
         let (share, step) = best.split_once(' ')?;
         Some((share.parse().ok()?, step.parse().ok()?))
     });
-    Ok(State { step: number("step")?, weights, adam: AdamState { steps: number("adam_steps")?, moments }, best })
+    let adam = AdamState { steps: number("adam_steps")?, moments };
+    Ok(State { step: number("step")?, weights, average, adam, best })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_follows_the_weights_and_stays_where_they_stay() {
+        let weights = |value: f32| Named::from([("a".to_owned(), vec![value, 1.0])]);
+        let mut state = State::new(weights(0.0));
+        assert_eq!(state.kept(), &state.weights);
+        state.average(0.9);
+        state.weights = weights(8.0);
+        state.step = 1000;
+        state.average(0.75);
+        assert_eq!(state.kept(), &weights(2.0));
+        (0..100).for_each(|_| state.average(0.75));
+        assert!((state.kept()["a"][0] - 8.0).abs() < 1e-4);
+    }
 }

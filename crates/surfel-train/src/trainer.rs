@@ -4,7 +4,7 @@
 //! the seed and the step alone. Invariant: after a kill, the resumed run writes the same losses that the
 //! uninterrupted one would have.
 
-use crate::adam::{Adam, AdamState, clipping};
+use crate::adam::{Adam, clipping};
 use crate::augment::mirrored;
 use crate::cache::Cache;
 use crate::config::{SourceEntry, TrainConfig};
@@ -99,7 +99,7 @@ impl Trainer {
             if let Some(path) = initial {
                 net = checkpoint::load(net, path)?;
             }
-            State { step: 0, weights: parameters::read(&net), adam: AdamState::default(), best: None }
+            State::new(parameters::read(&net))
         };
         forget_after(&folder.join(METRICS), state.step)?;
         let open = |entries: &[SourceEntry], split: Split, side: &str| {
@@ -119,9 +119,9 @@ impl Trainer {
         self.state.step
     }
 
-    /// The network as it is.
-    pub fn net(&self) -> &SurfelNet {
-        &self.net
+    /// The network that would be kept now: the mean of the last steps where the run averages.
+    pub fn kept_net(&self) -> SurfelNet {
+        parameters::assign(self.net.clone(), self.state.kept())
     }
 
     /// Makes all samples without training, so that they are in the cache; calls `made` after each.
@@ -190,12 +190,12 @@ impl Trainer {
                 watcher.validated(step, &validation);
                 if self.state.best.is_none_or(|(share, _)| validation.network.within_1pct > share) {
                     self.state.best = Some((validation.network.within_1pct, step));
-                    checkpoint::save(&self.net, &self.folder.join("best.safetensors"))?;
+                    checkpoint::save(&self.kept_net(), &self.folder.join("best.safetensors"))?;
                 }
             }
             if due(self.config.every.checkpoint) || step == until {
                 state::save(&self.state, &self.config, &self.folder.join(CHECKPOINT))?;
-                checkpoint::save(&self.net, &self.folder.join("last.safetensors"))?;
+                checkpoint::save(&self.kept_net(), &self.folder.join("last.safetensors"))?;
             }
         }
         Ok(())
@@ -240,6 +240,7 @@ impl Trainer {
         let net = self.net.clone();
         self.net = parameters::assign(net, &self.state.weights);
         self.state.step += 1;
+        self.state.average(self.config.averaging);
         meter.add_step(norm);
         Ok(())
     }
@@ -251,7 +252,7 @@ impl Trainer {
     pub fn validate(&self) -> Result<Validation, TrainError> {
         use burn::module::Module as _;
         let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
-        validate(&self.net.valid(), samples, &Device::flex())
+        validate(&self.kept_net().valid(), samples, &Device::flex())
     }
 }
 

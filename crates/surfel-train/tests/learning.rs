@@ -16,7 +16,7 @@ fn config(rate: f64, steps: u64) -> TrainConfig {
         .replace("channels = 32\nnum_heads = 2", "channels = 16\nnum_heads = 2");
     let source = "kind = \"analytic\"\nwidth = 64\nheight = 48\nnum_views = 2\nroom_share = 0.0\n";
     let text = format!(
-        "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\n\
+        "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\naveraging = 0.8\n\
          [rate]\nrate = {rate:e}\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\
          [loss]\ndepth = 1.0\nnormal = 1.0\ninitial_normal = 0.5\nopacity = 0.2\n\
          [[train]]\nnum_samples = 12\nseed = 1\n{source}\
@@ -79,11 +79,14 @@ fn a_resumed_run_is_the_same_run() {
         }
         (losses.0.into_inner().unwrap(), std::fs::read_to_string(folder.join("metrics.jsonl")).unwrap())
     };
-    let (whole, _) = losses(&folder.path().join("whole"), &[12]);
+    let (whole, whole_metrics) = losses(&folder.path().join("whole"), &[12]);
     let (parts, metrics) = losses(&folder.path().join("parts"), &[4, 8, 12]);
     assert_eq!(whole, parts);
     // Six intervals and the validation at the end.
     assert_eq!(metrics.lines().count(), 7);
+    // The mean of the weights is resumed, too.
+    assert_eq!(metrics.lines().last(), whole_metrics.lines().last());
+    assert!(metrics.lines().last().unwrap().contains("validation"));
     let other = Trainer::new(config(2e-3, 12), &folder.path().join("parts"), places(&cache));
     assert!(other.err().unwrap().to_string().contains("checkpoint of another run"));
 }
