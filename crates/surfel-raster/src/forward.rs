@@ -64,7 +64,7 @@ pub fn forward(surfels: &SurfelSlices, camera: &Camera, config: &RenderConfig) -
 }
 
 /// Visible surfels from near to far.
-fn depth_order(splats: &[Splat]) -> Vec<u32> {
+pub(crate) fn depth_order(splats: &[Splat]) -> Vec<u32> {
     let visible = splats.iter().enumerate().filter(|(_, splat)| !splat.rect.is_empty());
     let mut keys: Vec<u64> = visible.map(|(index, splat)| splat.depth_key(index as u32)).collect();
     keys.par_sort_unstable();

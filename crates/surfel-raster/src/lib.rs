@@ -2,7 +2,7 @@
 //!
 //! Sits between whatever makes surfels (a network, an optimiser) and whatever reads maps (losses, TSDF
 //! fusion); it knows neither. [`forward`] blends surfels front to back into [`Maps`], [`backward`] turns
-//! gradients of the maps into gradients of the surfels. Geometry per surfel is computed in f64 and
+//! gradients of the maps into gradients of the surfels, [`surface`] finds the surface that the surfels sample. Geometry per surfel is computed in f64 and
 //! handed to the f32 pixel loops relative to the surfel's own pixel, so a scene far from the origin or a
 //! large image loses no precision. Invariant: the result depends neither on the number of threads nor,
 //! up to rounding and up to ties in depth, on the order of the surfels.
@@ -27,8 +27,10 @@ mod forward;
 mod geometry_backward;
 mod project;
 mod splat;
+mod surface;
 mod tile;
 mod twin_backward;
+mod twin_surface;
 
 pub use backward::backward;
 pub use config::{BoundingBox, RenderConfig};
@@ -37,3 +39,4 @@ pub use forward::{Tape, forward, render};
 pub use maps::{MapGrads, Maps};
 pub use ray_splat::{Footprint, Hit, SplatTransform};
 pub use slices::{SurfelGrads, SurfelSlices};
+pub use surface::{Surface, surface};

@@ -11,6 +11,7 @@ use crate::ray_splat::Hit;
 use crate::sh_colour;
 use crate::slices::SurfelShape;
 pub use crate::twin_backward::backward;
+pub use crate::twin_surface::{SurfacePixel, surface};
 use crate::{RasterError, RenderConfig, SurfelSlices};
 use surfel_core::{Camera, Grid};
 
@@ -145,7 +146,7 @@ impl TwinScene {
 }
 
 impl TwinSplat {
-    fn offered_to(&self, x: u32, y: u32) -> bool {
+    pub(crate) fn offered_to(&self, x: u32, y: u32) -> bool {
         self.rect.is_some_and(|r| r.x0 <= x && x < r.x1 && r.y0 <= y && y < r.y1)
     }
 }

@@ -107,7 +107,8 @@ impl Walked {
             match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
         });
         let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
-        let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges))?;
+        let steps: Vec<f32> = estimates.iter().map(|estimate| estimate.step).collect();
+        let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges, &steps))?;
         let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
         if mesh.triangles.is_empty() {
             log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
