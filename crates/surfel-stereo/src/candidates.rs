@@ -28,9 +28,14 @@ impl Candidates {
         Self { first: 1.0 / far, step: (1.0 / near - 1.0 / far) / (count - 1) as f64, count }
     }
 
-    /// As many planes as keep one step under `step_px` pixels in the source view where it moves most.
+    /// As many planes as keep one step under `step_px` pixels in the source view where it moves most; of several
+    /// sources in the middle one, the slower of two. Finer steps for the sake of a far source would make the surface
+    /// cross more of them, which smoothing counts as roughness.
     pub fn for_pair(reference: &Camera, sources: &[Camera], near: f64, far: f64, step_px: f64) -> Self {
-        let travel = sources.iter().map(|source| longest_travel(reference, source, near, far)).fold(0.0, f64::max);
+        let travels = sources.iter().map(|source| longest_travel(reference, source, near, far));
+        let mut travels: Vec<f64> = travels.filter(|travel| *travel > 0.0).collect();
+        travels.sort_by(f64::total_cmp);
+        let travel = travels.get(travels.len().saturating_sub(1) / 2).copied().unwrap_or(0.0);
         let count = (travel / step_px).ceil() as usize + 1;
         Self::uniform(near, far, count.clamp(COUNT_RANGE.0, COUNT_RANGE.1))
     }

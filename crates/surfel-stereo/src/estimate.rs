@@ -47,7 +47,7 @@ pub struct DepthEstimate {
     pub planes: Grid<Plane>,
     /// What the last photometric correction found, before the last fit smoothed it.
     pub correction: Grid<Correction>,
-    /// Inverse depth that moves the fastest source by about a pixel, 1 / scene unit; 0 for an empty estimate.
+    /// Inverse depth that moves the middle one of the sources by about a pixel, 1 / scene unit; 0 for an empty estimate.
     pub step: f32,
 }
 
