@@ -36,6 +36,7 @@ pub use burn::tensor::Device;
 pub use checkpoint::CheckpointError;
 pub use config::{ConfigError, NetConfig, Preset};
 pub use cost_volume::DepthRange;
+pub use depth::Choice;
 pub use head::{SurfelTensors, values};
 pub use input::{InputError, SceneInput};
 pub use model::{EncoderMaps, Prediction, SurfelNet};

@@ -7,7 +7,7 @@ use crate::aggregate::Aggregation;
 use crate::config::{BackboneConfig, NetConfig};
 use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
-use crate::depth::{CoarseDepth, Refined, Refinement, SceneGeometry, SeedMaps, SeededRefinement, disparity};
+use crate::depth::{Choice, CoarseDepth, Refined, Refinement, SceneGeometry, SeedMaps, SeededRefinement, disparity};
 use crate::features::cnn::Cnn;
 use crate::features::pyramid::Pyramid;
 use crate::head::{Adapter, AttributeHead, Base, SurfelTensors, frames_from_normals, normals_away};
@@ -52,6 +52,8 @@ pub struct EncoderMaps {
     /// Unit normals of the planes, camera frame, facing the camera, `[views, 3, height, width]`; only a seeded
     /// network has planes.
     pub normals: Option<Tensor<4>>,
+    /// How the planes were chosen; only in a seeded network.
+    pub choice: Option<Choice>,
 }
 
 /// What the network says about a scene.
@@ -180,6 +182,7 @@ impl SurfelNet {
             depth: of_views(disparity.recip()),
             confidence: of_views(crop(confidence)),
             normals: normals.map(|normals| -normals),
+            choice: refined.choice,
         };
         Ok(Encoded { maps, opacity, features, targets })
     }
@@ -203,7 +206,8 @@ impl SurfelNet {
             (_, _, _, Some(seeded), Some(config)) => {
                 let (width, height) = (padded[0].width(), padded[0].height());
                 let seeds: Vec<_> = scene.seeds.iter().map(|seed| seed.padded(width, height)).collect();
-                let maps = SeedMaps::new(&seeds, &padded, config.offsets(), self.config.refinement.stride, device);
+                let maps =
+                    SeedMaps::new(&seeds, &padded, geometry, config.offsets(), self.config.refinement.stride, device);
                 let refined = seeded.forward(&self.config, images, context, &maps, geometry);
                 let confidence = refined.density.clone();
                 (refined, confidence)

@@ -4,13 +4,16 @@
 //! Inside the network, depth is *relative disparity* in \[0, 1\]: 0 at the far end of the view's range, 1 at
 //! the near end. Invariant: nothing here depends on the scene unit.
 
+mod choice;
 mod coarse;
+mod cross_view;
 mod patches;
 mod refine;
 mod scorer;
 mod seed_maps;
 mod seeded;
 
+pub use choice::Choice;
 pub(crate) use coarse::CoarseDepth;
 pub(crate) use refine::{Refined, Refinement, SceneGeometry};
 pub(crate) use seed_maps::SeedMaps;

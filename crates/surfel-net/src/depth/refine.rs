@@ -3,6 +3,7 @@
 //! Works at a stride of 1 (the paper), 2 or 4 and unfolds the rest into pixels at the end. Also collects the
 //! feature `F` each surfel is decoded from. Invariant: relative disparity stays in \[0, 1\].
 
+use super::choice::Choice;
 use super::disparity;
 use crate::config::{NetConfig, RefinementConfig};
 use crate::cost_volume::{DepthRange, sweep, warps};
@@ -29,6 +30,8 @@ pub(crate) struct Refined {
     /// Change of disparity (1 / scene unit) per pixel to the right and down, `[views, 2, height, width]`;
     /// known to a seeded network.
     pub(crate) slopes: Option<Tensor<4>>,
+    /// How the planes were chosen; only in a seeded network.
+    pub(crate) choice: Option<Choice>,
 }
 
 /// What the refinement needs to know of the scene.
@@ -102,6 +105,7 @@ impl Refinement {
             density: sigmoid(output.narrow(1, 1, 1)),
             features: Tensor::cat(features, 1),
             slopes: None,
+            choice: None,
         }
     }
 }

@@ -11,7 +11,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
 /// Width of the judge.
-const HIDDEN: usize = 8;
+const HIDDEN: usize = 16;
 /// Score of an output of one: enough to overrule a pixel's head start within some hundred steps of training.
 const GAIN: f64 = 10.0;
 

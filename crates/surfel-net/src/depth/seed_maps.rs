@@ -2,20 +2,24 @@
 //!
 //! Invariant: nothing here carries a gradient, and every input is in steps, correlations or shares.
 
+use super::SceneGeometry;
+use super::cross_view::{CrossView, SAID};
 use super::patches::patches;
 use crate::layers::space_to_depth;
 use crate::ops::propagate::Proposals;
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
+use rayon::prelude::*;
 use std::sync::Arc;
 use surfel_core::Grid;
 
-/// Maps that every pixel of a block gives of its own: offset and weight of the evidence, correlation, confidence.
-const PER_PIXEL: usize = 4;
+/// Maps that every pixel of a block gives of its own: offset and weight of the evidence, correlation, confidence, and
+/// what the neighbours say of its plane.
+const PER_PIXEL: usize = 4 + SAID;
 /// Slopes that a block gives.
 const SLOPES: usize = 2;
 /// Values known of a proposal.
-pub(crate) const KNOWN: usize = 5;
+pub(crate) const KNOWN: usize = 5 + SAID;
 /// Steps at which a difference counts half of what it could.
 const SOFT_STEPS: f32 = 2.0;
 
@@ -29,7 +33,7 @@ pub(crate) struct SeedMaps {
     pub(crate) inverse_depth: Tensor<4>,
     /// Inverse depth of a step, `[views, 1, 1, 1]`.
     pub(crate) steps: Tensor<4>,
-    step_of_view: Vec<f32>,
+    pub(super) step_of_view: Vec<f32>,
     /// What is known of each proposal, `[views, proposals, KNOWN, height / stride, width / stride]`.
     pub(crate) known: Tensor<5>,
     /// Windows of the photographs, see [`patches`].
@@ -48,18 +52,20 @@ impl SeedMaps {
     pub(crate) fn new(
         seeds: &[Seed],
         images: &[Grid<[f32; 3]>],
+        scene: &SceneGeometry,
         offsets: Vec<[i32; 2]>,
         stride: usize,
         device: &Device,
     ) -> Self {
         let (width, height) = (seeds[0].planes.width(), seeds[0].planes.height());
-        let (views, pixels) = (seeds.len(), width * height);
+        let views = seeds.len();
         let planes: Vec<[f32; 3]> = seeds.iter().flat_map(Seed::planes_in_steps).collect();
         let proposals = Proposals { width, height, stride, planes, offsets };
         let full = |channels: usize, values: Vec<f32>| -> Tensor<4> {
             Tensor::from_data(TensorData::new(values, [views, channels, height, width]), device)
         };
-        let per_pixel: Vec<f32> = seeds.iter().flat_map(|seed| pixel_maps(seed, pixels)).collect();
+        let cross_view = CrossView::new(scene.cameras, scene.neighbours, seeds);
+        let per_pixel: Vec<f32> = (0..views).flat_map(|view| pixel_maps(&seeds[view], view, &cross_view)).collect();
         let blocks = block_maps(&proposals, seeds);
         let (columns, rows) = proposals.weight_size();
         let block_channels = SLOPES + 2 * (proposals.offsets.len() - 1);
@@ -70,7 +76,7 @@ impl SeedMaps {
         Self {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
             confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
-            known: known(&proposals, seeds, device),
+            known: known(&proposals, seeds, &cross_view, device),
             patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
@@ -101,13 +107,17 @@ impl SeedMaps {
 }
 
 /// `[PER_PIXEL, height, width]` of one view.
-fn pixel_maps(seed: &Seed, pixels: usize) -> Vec<f32> {
+fn pixel_maps(seed: &Seed, view: usize, cross_view: &CrossView) -> Vec<f32> {
+    let (width, pixels) = (seed.planes.width(), seed.planes.len());
     let mut maps = Vec::with_capacity(PER_PIXEL * pixels);
     let evidence = seed.evidence.as_slice().iter().zip(seed.planes.as_slice());
     maps.extend(evidence.map(|(evidence, plane)| soft((evidence[0] - plane[0]) / seed.step)));
     maps.extend(seed.evidence.as_slice().iter().map(|evidence| evidence[1].max(0.0).ln_1p()));
     maps.extend_from_slice(seed.correlation.as_slice());
     maps.extend_from_slice(seed.confidence.as_slice());
+    let say = |i: usize| cross_view.of(view, i % width, i / width, seed.planes.as_slice()[i][0]);
+    let said: Vec<[f32; SAID]> = (0..pixels).into_par_iter().map(say).collect();
+    (0..SAID).for_each(|c| maps.extend(said.iter().map(|said| said[c])));
     maps
 }
 
@@ -140,35 +150,51 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
 }
 
 /// What is known of each proposal at the pixel its block's features stand over: difference to the pixel's own plane,
-/// its size, confidence at the proposer, support, and whether it is the pixel's own.
-fn known(proposals: &Proposals, seeds: &[Seed], device: &Device) -> Tensor<5> {
-    let (width, height, stride) = (proposals.width, proposals.height, proposals.stride);
+/// its size, confidence at the proposer, support, whether it is the pixel's own, and what the neighbours say of it.
+fn known(proposals: &Proposals, seeds: &[Seed], cross_view: &CrossView, device: &Device) -> Tensor<5> {
+    let stride = proposals.stride;
     let (columns, rows) = proposals.weight_size();
-    let count = proposals.offsets.len();
-    let mut maps = vec![0.0f32; seeds.len() * count * KNOWN * rows * columns];
-    let at = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
-    for (view, (seed, maps)) in seeds.iter().zip(maps.chunks_exact_mut(count * KNOWN * rows * columns)).enumerate() {
-        let mut differences = vec![0.0f32; count];
-        let mut confidences = vec![0.0f32; count];
-        for block in 0..rows * columns {
-            let (x, y) = (block % columns * stride, block / columns * stride);
-            for (k, [dx, dy]) in proposals.offsets.iter().enumerate() {
-                differences[k] = proposals.at(view, x, y, k)[0];
-                confidences[k] = seed.confidence[(at(x, *dx, width), at(y, *dy, height))];
-            }
-            for k in 0..count {
-                // Proposals within about a step of this one speak for it, as sure as they are.
-                let agree = |j: usize| confidences[j] / (1.0 + (differences[j] - differences[k]).powi(2));
-                let support = (0..count).map(agree).sum::<f32>() / count as f32;
-                let difference = soft(differences[k]);
-                let own = if k == 0 { 1.0 } else { 0.0 };
-                for (c, value) in [difference, difference.abs(), confidences[k], support, own].into_iter().enumerate() {
-                    maps[(k * KNOWN + c) * rows * columns + block] = value;
-                }
-            }
+    let (count, blocks) = (proposals.offsets.len(), rows * columns);
+    let of_block = |i: usize| -> Vec<[f32; KNOWN]> {
+        let (view, block) = (i / blocks, i % blocks);
+        known_at(proposals, seeds, cross_view, view, (block % columns * stride, block / columns * stride))
+    };
+    let of_blocks: Vec<Vec<[f32; KNOWN]>> = (0..seeds.len() * blocks).into_par_iter().map(of_block).collect();
+    let mut maps = Vec::with_capacity(seeds.len() * count * KNOWN * blocks);
+    for of_view in of_blocks.chunks_exact(blocks) {
+        for k in 0..count {
+            (0..KNOWN).for_each(|c| maps.extend(of_view.iter().map(|known| known[k][c])));
         }
     }
     Tensor::from_data(TensorData::new(maps, [seeds.len(), count, KNOWN, rows, columns]), device)
+}
+
+/// One entry per proposal.
+fn known_at(
+    proposals: &Proposals,
+    seeds: &[Seed],
+    cross_view: &CrossView,
+    view: usize,
+    (x, y): (usize, usize),
+) -> Vec<[f32; KNOWN]> {
+    let seed = &seeds[view];
+    let at = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
+    let count = proposals.offsets.len();
+    let differences: Vec<f32> = (0..count).map(|k| proposals.at(view, x, y, k)[0]).collect();
+    let proposer = |[dx, dy]: &[i32; 2]| (at(x, *dx, proposals.width), at(y, *dy, proposals.height));
+    let confidences: Vec<f32> = proposals.offsets.iter().map(|offset| seed.confidence[proposer(offset)]).collect();
+    let of_proposal = |k: usize| {
+        // Proposals within about a step of this one speak for it, as sure as they are.
+        let agree = |j: usize| confidences[j] / (1.0 + (differences[j] - differences[k]).powi(2));
+        let support = (0..count).map(agree).sum::<f32>() / count as f32;
+        let difference = soft(differences[k]);
+        let own = if k == 0 { 1.0 } else { 0.0 };
+        let inverse_depth = seed.planes[(x, y)][0] + differences[k] * seed.step;
+        let mut known = [difference, difference.abs(), confidences[k], support, own, 0.0, 0.0, 0.0];
+        known[KNOWN - SAID..].copy_from_slice(&cross_view.of(view, x, y, inverse_depth));
+        known
+    };
+    (0..count).map(of_proposal).collect()
 }
 
 /// Means over blocks of `[anything, height, width]`.
@@ -187,6 +213,6 @@ fn block_means(values: &[f32], proposals: &Proposals) -> Vec<f32> {
 }
 
 /// Odd, in (-1, 1), steepest at zero: small differences keep their size, large ones only their sign.
-fn soft(steps: f32) -> f32 {
+pub(super) fn soft(steps: f32) -> f32 {
     steps / (SOFT_STEPS + steps.abs())
 }

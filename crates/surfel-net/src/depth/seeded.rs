@@ -5,6 +5,7 @@
 //! planes (`ops::propagate`) and adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
 //! and everything is in steps, so neither unit nor depth range is seen.
 
+use super::choice::Choice;
 use super::scorer::Scorer;
 use super::seed_maps::{KNOWN, SeedMaps};
 use super::{Refined, SceneGeometry, per_view};
@@ -95,6 +96,7 @@ impl SeededRefinement {
         let scores = self.scorer.forward(known, context);
         let scores = if moves { scores } else { scores.zeros_like() };
         let scores = scores + own_lead(seeds.proposals.offsets.len(), &per_pixel.device());
+        let choice = Choice::new(scores.clone(), seeds);
         let planes = propagate_planes(scores, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
         let offset = if moves { offset } else { offset.zeros_like() };
@@ -109,7 +111,7 @@ impl SeededRefinement {
         let tilt = per_pixel.narrow(1, 1, 2) * inverse_focal(scene.cameras, &device) * CORRECTION;
         let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone() + tilt * seeds.inverse_depth.clone();
         let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
-        Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes) }
+        Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes), choice: Some(choice) }
     }
 }
 

@@ -16,7 +16,7 @@ from unet import Unet
 OWN_LEAD = 7.0
 # Score of an output of one of the judge, and the judge's width.
 SCORE_GAIN = 10.0
-JUDGE_WIDTH = 8
+JUDGE_WIDTH = 16
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
@@ -72,12 +72,42 @@ def soft(steps):
     return steps / (2 + steps.abs())
 
 
-def seed_inputs(seeds, proposals, offsets, stride):
+def said_of(seeds, inverse_depth, cameras, neighbours):
+    """What the neighbours' surfaces say of points `[views, h, w]` (1 / scene unit): how surely the best of them
+    confirms one, and how surely on average it is in front of or behind them, `[views, 3, h, w]`."""
+    height, width = inverse_depth.shape[1:]
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    index = torch.stack([x, y, torch.ones_like(x)]).to(inverse_depth.dtype)
+    all_said = []
+    for view, others in enumerate(neighbours):
+        said = []
+        for other in others:
+            turn = cameras.rotation[other] @ cameras.rotation[view].T
+            shift = cameras.translation[other] - turn @ cameras.translation[view]
+            rays = torch.einsum("ij,jhw->ihw", turn @ cameras.matrix(view).inverse(), index)
+            points = rays + shift[:, None, None] * inverse_depth[view]
+            u, v, z = torch.einsum("ij,jhw->ihw", cameras.matrix(other), points)
+            u, v = u / z, v / z
+            column, row = u.round(), v.round()
+            seen = (z > 0) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
+            at = (row.clamp(0, height - 1).long(), column.clamp(0, width - 1).long())
+            own, own_x, own_y = seeds.planes[other][:, at[0], at[1]]
+            steps = (inverse_depth[view] / z - own - own_x * (u - column) - own_y * (v - row)) / seeds.step[other]
+            sure = torch.where(seen, seeds.confidence[other, 0][at], torch.zeros_like(steps))
+            steps = torch.where(seen, steps, torch.zeros_like(steps))
+            said.append(torch.stack([sure / (1 + steps**2), sure * soft(steps).relu(), sure * soft(-steps).relu()]))
+        said = torch.stack(said)
+        all_said.append(torch.cat([said[:, :1].amax(dim=0), said[:, 1:].mean(dim=0)]))
+    return torch.stack(all_said)
+
+
+def seed_inputs(seeds, proposals, offsets, stride, cameras, neighbours):
     """What the U-Net sees of the seeds."""
     step = seeds.step.reshape(-1, 1, 1, 1)
     offset = soft((seeds.evidence[:, :1] - seeds.planes[:, :1]) / step)
     weight = seeds.evidence[:, 1:].clamp(min=0).log1p()
-    per_pixel = torch.cat([offset, weight, seeds.correlation, seeds.confidence], dim=1)
+    said = said_of(seeds, seeds.planes[:, 0], cameras, neighbours)
+    per_pixel = torch.cat([offset, weight, seeds.correlation, seeds.confidence, said], dim=1)
     slopes = soft(4 * seeds.planes[:, 1:] / step)
     differences = soft(proposals[:, 1:, 0])
     confidences = torch.cat([looked_up(seeds.confidence, dx, dy)[0] for dx, dy in offsets[1:]], dim=1)
@@ -85,10 +115,10 @@ def seed_inputs(seeds, proposals, offsets, stride):
     return torch.cat([space_to_depth(per_pixel, stride), per_block], dim=1)
 
 
-def known_of(seeds, proposals, offsets, stride):
-    """What is known of each proposal at the pixel a block stands over, `[views, proposals, 5, h / stride, w / stride]`:
-    difference to the pixel's own plane, its size, the proposer's confidence, support by all, and whether it is the
-    pixel's own."""
+def known_of(seeds, proposals, offsets, stride, cameras, neighbours):
+    """What is known of each proposal at the pixel a block stands over, `[views, proposals, 8, h / stride, w / stride]`:
+    difference to the pixel's own plane, its size, the proposer's confidence, support by all, whether it is the
+    pixel's own, and what the neighbours say of it."""
     difference = proposals[:, :, 0]
     confidence = torch.cat([looked_up(seeds.confidence, dx, dy)[0] for dx, dy in offsets], dim=1)
     apart = difference[:, :, None] - difference[:, None, :]
@@ -96,6 +126,9 @@ def known_of(seeds, proposals, offsets, stride):
     own = torch.zeros_like(difference)
     own[:, 0] = 1
     known = torch.stack([soft(difference), soft(difference).abs(), confidence, support, own], dim=2)
+    inverse_depths = seeds.planes[:, :1] + difference * seeds.step.reshape(-1, 1, 1, 1)
+    said = [said_of(seeds, one, cameras, neighbours) for one in inverse_depths.unbind(1)]
+    known = torch.cat([known, torch.stack(said, dim=1)], dim=2)
     return known[..., ::stride, ::stride]
 
 
@@ -149,11 +182,11 @@ class SeededRefinement(nn.Module):
         if self.sweep is not None:
             num_tries = self.sweep["num_candidates"] + count - 1
             self.matcher = Conv(upsampled + image, self.sweep["channels"], 3)
-        inputs = image + upsampled + 4 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
+        inputs = image + upsampled + 7 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
         self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
         self.unet = Unet(refinement["unet"])
         self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, 4 * stride**2, 3)])
-        self.scorer = Scorer(5 if self.sweep is None else 7, 2 * width)
+        self.scorer = Scorer(8 if self.sweep is None else 10, 2 * width)
 
     def forward(self, images, context, seeds, cameras, ranges, neighbours, sources):
         """Relative disparity, density, features and slopes (1 / scene unit), all at full resolution."""
@@ -162,8 +195,8 @@ class SeededRefinement(nn.Module):
         proposals = proposals_of(seeds.planes / step, self.offsets)
         upsampled = F.gelu(upsample(self.upsampler(context), 4 // stride))
         pixels = space_to_depth(images, stride)
-        inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride)]
-        known = known_of(seeds, proposals, self.offsets, stride)
+        inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride, cameras, neighbours)]
+        known = known_of(seeds, proposals, self.offsets, stride, cameras, neighbours)
         if self.matcher is not None:
             features = self.matcher(torch.cat([upsampled, pixels], dim=1))
             tries = tries_of(seeds, proposals, self.sweep, stride)
