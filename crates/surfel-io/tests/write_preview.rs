@@ -1,7 +1,7 @@
 //! The preview picture, decoded: what is where, and in which colour.
 
 use surfel_core::Grid;
-use surfel_io::write::preview::{PreviewRow, write_preview};
+use surfel_io::write::preview::{CAPTIONS, PreviewRow, write_preview};
 
 const PAPER: [u8; 3] = [250, 250, 249];
 
@@ -17,7 +17,7 @@ fn four_panels_in_a_row_over_their_captions() {
     let depth = Grid::from_fn(width, height, |x, y| if y < 40 { 2.0 + x as f32 / 10.0 } else { 0.0 });
     let normal = Grid::from_fn(width, height, |_, y| if y < 40 { [0.0, 0.0, -1.0] } else { [0.0; 3] });
     let mesh = Grid::filled(width, height, [0.9, 0.1, 0.1]);
-    let row = PreviewRow { photo: &photo, depth: &depth, normal: &normal, mesh: &mesh };
+    let row = PreviewRow { photo: &photo, depth: &depth, normal: &normal, last: &mesh, captions: CAPTIONS };
     let mut bytes = Vec::new();
     write_preview(&mut bytes, &[row, row]).unwrap();
     let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
@@ -43,7 +43,7 @@ fn four_panels_in_a_row_over_their_captions() {
 #[test]
 fn a_view_without_any_depth_still_has_a_preview() {
     let (colour, depth) = (Grid::filled(3, 200, [0.5; 3]), Grid::filled(3, 200, 0.0));
-    let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, mesh: &colour };
+    let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, last: &colour, captions: CAPTIONS };
     let mut bytes = Vec::new();
     write_preview(&mut bytes, &[row]).unwrap();
     assert_eq!(image::load_from_memory(&bytes).unwrap().height(), 28 + 440 + 40 + 14);

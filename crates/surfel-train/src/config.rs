@@ -60,6 +60,9 @@ pub struct Intervals {
     pub validate: u64,
     /// A checkpoint.
     pub checkpoint: u64,
+    /// A picture of the first validation sample; 0 = never.
+    #[serde(default)]
+    pub pictures: u64,
 }
 
 impl TrainConfig {

@@ -63,6 +63,15 @@ pub enum TrainError {
     /// Weights of the trunk or of a checkpoint.
     #[error(transparent)]
     Weights(#[from] surfel_features::WeightsError),
+    /// A picture that cannot be written.
+    #[error(transparent)]
+    Picture(#[from] surfel_io::write::WriteError),
+    /// Surfels that cannot be rendered.
+    #[error("the predicted surfels cannot be rendered: {0}")]
+    Render(#[from] surfel_raster::RasterError),
+    /// Views that a term cannot compare.
+    #[error(transparent)]
+    Loss(#[from] surfel_loss::LossError),
     /// A scene the network refuses.
     #[error(transparent)]
     Input(#[from] surfel_net::InputError),

@@ -10,10 +10,13 @@
 pub mod adam;
 pub mod augment;
 pub mod cache;
+mod choice;
 pub mod config;
 pub mod error;
 pub mod loss;
 pub mod parameters;
+mod pictures;
+mod rendered;
 pub mod sample;
 pub mod schedule;
 pub mod source;
@@ -23,5 +26,6 @@ pub mod validate;
 
 pub use config::TrainConfig;
 pub use error::TrainError;
+pub use rendered::RenderedWeights;
 pub use sample::Sample;
 pub use trainer::{Places, Trainer, Watcher};

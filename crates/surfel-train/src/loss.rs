@@ -4,10 +4,14 @@
 //! truth say nothing. Invariant: the truth itself has loss zero but for the opacity term, whose least value is
 //! reached by the true probability of being right.
 
+use crate::choice::divergence;
+use crate::error::TrainError;
+use crate::rendered::{self, RenderedWeights};
 use crate::sample::Sample;
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 use surfel_core::Grid;
+use surfel_loss::Perceptual;
 use surfel_net::{EncoderMaps, Prediction, SurfelTensors};
 
 /// Weights of the terms.
@@ -23,14 +27,20 @@ pub struct LossWeights {
     /// The same of the planes under the surfels, before the head's say.
     #[serde(default)]
     pub plane_normal: f64,
+    /// Belief in the planes that are proposed to each block.
+    #[serde(default)]
+    pub choice: f64,
     /// Opacity as the probability that the depth is right.
     pub opacity: f64,
+    /// Terms on maps rendered from the final surfels.
+    #[serde(default)]
+    pub rendered: RenderedWeights,
 }
 
 impl LossWeights {
     /// Whether a term looks at the surfels, or only at the encoder's maps.
     pub fn needs_surfels(&self) -> bool {
-        self.normal != 0.0 || self.initial_normal != 0.0
+        self.normal != 0.0 || self.initial_normal != 0.0 || self.rendered.is_some()
     }
 }
 
@@ -65,7 +75,7 @@ impl Terms {
 }
 
 /// Error, in steps, below which the depth loss is nearly linear and above which it grows ever slower.
-const KNEE_STEPS: f64 = 0.5;
+const KNEE_STEPS: f64 = 0.25;
 /// Share of the plain absolute error, which keeps large mistakes worth mending.
 const LINEAR: f64 = 0.1;
 /// Largest error that counts, steps.
@@ -74,7 +84,16 @@ const LARGEST_STEPS: f64 = 16.0;
 const RIGHT: f64 = 0.01;
 
 /// The terms of what is `said` of `sample` that have a weight.
-pub fn terms(said: Said, sample: &Sample, weights: &LossWeights, device: &Device) -> Terms {
+///
+/// # Errors
+/// When the surfels cannot be rendered for the terms that ask for it.
+pub fn terms(
+    said: Said,
+    sample: &Sample,
+    weights: &LossWeights,
+    perceptual: &Perceptual,
+    device: &Device,
+) -> Result<Terms, TrainError> {
     let truth = Truth::of(sample, device);
     let Truth { inverse_depth, mask, inverse_step, normals, normal_mask } = truth;
     let predicted = said.maps.depth.clone().recip();
@@ -114,8 +133,12 @@ pub fn terms(said: Said, sample: &Sample, weights: &LossWeights, device: &Device
     add("normal", weights.normal, &|| of_surfels(1));
     add("initial_normal", weights.initial_normal, &|| of_surfels(0));
     add("plane_normal", weights.plane_normal, &of_planes);
+    add("choice", weights.choice, &|| said.maps.choice.as_ref().map(|choice| divergence(choice, sample, device)));
     add("opacity", weights.opacity, &|| Some(opacity()));
-    Terms(terms)
+    if let Some([_, surfels]) = said.surfels {
+        terms.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
+    }
+    Ok(Terms(terms))
 }
 
 struct Truth {
@@ -149,7 +172,7 @@ impl Truth {
     }
 }
 
-fn mean(values: Tensor<1>, mask: Tensor<1>) -> Tensor<1> {
+pub(crate) fn mean(values: Tensor<1>, mask: Tensor<1>) -> Tensor<1> {
     (values * mask.clone()).sum() / (mask.sum() + 1e-6)
 }
 

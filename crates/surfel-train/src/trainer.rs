@@ -11,6 +11,7 @@ use crate::config::{SourceEntry, TrainConfig};
 use crate::error::TrainError;
 use crate::loss::{self, Said, Terms};
 use crate::parameters::{self, Named};
+use crate::pictures;
 use crate::sample::Sample;
 use crate::source::Source;
 use crate::state::{self, State};
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
+use surfel_loss::{Lpips, Perceptual};
 use surfel_net::{NetConfig, SurfelNet, checkpoint};
 use surfel_synth::{Random, Split};
 
@@ -63,6 +65,8 @@ pub struct Places<'a> {
     pub cache: Option<&'a Path>,
     /// Weights to start from.
     pub initial: Option<&'a Path>,
+    /// Weights of LPIPS; without them the perceptual term is `1 - SSIM`.
+    pub lpips: Option<&'a Path>,
 }
 
 /// A run.
@@ -71,6 +75,7 @@ pub struct Trainer {
     folder: PathBuf,
     device: Device,
     net: SurfelNet,
+    perceptual: Perceptual,
     state: State,
     train: Vec<(u64, Cache)>,
     validation: Vec<(u64, Cache)>,
@@ -84,7 +89,7 @@ impl Trainer {
     pub fn new(
         config: TrainConfig,
         folder: &Path,
-        Places { assets, cache, initial }: Places,
+        Places { assets, cache, initial, lpips }: Places,
     ) -> Result<Self, TrainError> {
         std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         let device = Device::flex().autodiff();
@@ -111,7 +116,11 @@ impl Trainer {
         };
         let train = open(&config.train, Split::Train, "train")?;
         let validation = open(&config.validation, Split::Val, "val")?;
-        Ok(Self { config, folder: folder.to_path_buf(), device, net, state, train, validation })
+        let perceptual = match lpips {
+            Some(path) => Perceptual::Lpips(Box::new(Lpips::from_file(path, &device)?)),
+            None => Perceptual::Ssim,
+        };
+        Ok(Self { config, folder: folder.to_path_buf(), device, net, perceptual, state, train, validation })
     }
 
     /// Steps done.
@@ -193,12 +202,23 @@ impl Trainer {
                     checkpoint::save(&self.kept_net(), &self.folder.join("best.safetensors"))?;
                 }
             }
+            if self.config.every.pictures > 0 && due(self.config.every.pictures) {
+                self.picture(step)?;
+            }
             if due(self.config.every.checkpoint) || step == until {
                 state::save(&self.state, &self.config, &self.folder.join(CHECKPOINT))?;
                 checkpoint::save(&self.kept_net(), &self.folder.join("last.safetensors"))?;
             }
         }
         Ok(())
+    }
+
+    /// Draws what the network says of the first validation sample.
+    fn picture(&self, step: u64) -> Result<(), TrainError> {
+        use burn::module::Module as _;
+        let Some((_, cache)) = self.validation.first() else { return Ok(()) };
+        let path = self.folder.join(format!("pictures/{step:07}.png"));
+        pictures::write(&self.kept_net().valid(), &cache.sample(0)?, &path)
     }
 
     fn rate(&self, step: u64) -> f64 {
@@ -210,10 +230,10 @@ impl Trainer {
         let (input, weights) = (sample.input(), &self.config.loss);
         if weights.needs_surfels() {
             let prediction = self.net.forward(&input, &self.device)?;
-            return Ok(loss::terms((&prediction).into(), sample, weights, &self.device));
+            return loss::terms((&prediction).into(), sample, weights, &self.perceptual, &self.device);
         }
         let maps = self.net.forward_maps(&input, &self.device)?;
-        Ok(loss::terms(Said { maps: &maps, surfels: None }, sample, weights, &self.device))
+        loss::terms(Said { maps: &maps, surfels: None }, sample, weights, &self.perceptual, &self.device)
     }
 
     /// One step of the optimiser.

@@ -19,9 +19,10 @@ fn config(rate: f64, steps: u64) -> TrainConfig {
         "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\naveraging = 0.8\n\
          [rate]\nrate = {rate:e}\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\
          [loss]\ndepth = 1.0\nnormal = 1.0\ninitial_normal = 0.5\nopacity = 0.2\n\
+         rendered = {{ photometric = 0.5, perceptual = 0.05, alignment = 0.05, depth = 0.1 }}\n\
          [[train]]\nnum_samples = 12\nseed = 1\n{source}\
          [[validation]]\nnum_samples = 4\nseed = 2\n{source}\
-         [every]\nlog = 2\nvalidate = 1000\ncheckpoint = 4\n"
+         [every]\nlog = 2\nvalidate = 1000\ncheckpoint = 4\npictures = 6\n"
     );
     TrainConfig::from_toml(&text).unwrap()
 }
@@ -87,6 +88,8 @@ fn a_resumed_run_is_the_same_run() {
     // The mean of the weights is resumed, too.
     assert_eq!(metrics.lines().last(), whole_metrics.lines().last());
     assert!(metrics.lines().last().unwrap().contains("validation"));
+    let pictures = ["0000006.png", "0000012.png"].map(|name| folder.path().join("parts/pictures").join(name));
+    assert!(pictures.iter().all(|path| std::fs::metadata(path).is_ok_and(|file| file.len() > 1000)));
     let other = Trainer::new(config(2e-3, 12), &folder.path().join("parts"), places(&cache));
     assert!(other.err().unwrap().to_string().contains("checkpoint of another run"));
 }

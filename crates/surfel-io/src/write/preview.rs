@@ -1,4 +1,5 @@
-//! `preview.png`: one row per view - photo, depth, normals, mesh - the first thing people look at.
+//! `preview.png`: one row per view - photo, depth, normals, mesh - the first thing people look at. Training shows
+//! its samples in the same form.
 //!
 //! Depth is coloured by inverse depth over its 2-98 % range, so that one stray pixel cannot wash it out.
 //! Invariant: every panel of a row has the same size and shows the same pixels.
@@ -22,14 +23,21 @@ pub struct PreviewRow<'a> {
     pub depth: &'a Grid<f32>,
     /// Unit normals, camera frame, OpenCV axes; the zero vector = none.
     pub normal: &'a Grid<[f32; 3]>,
-    /// The shaded mesh seen from the same camera, sRGB in \[0, 1\].
-    pub mesh: &'a Grid<[f32; 3]>,
+    /// The shaded mesh seen from the same camera, or another picture, sRGB in \[0, 1\].
+    pub last: &'a Grid<[f32; 3]>,
+    /// What is written under the panels.
+    pub captions: [&'a str; 4],
 }
+
+/// What the preview of a reconstruction writes under the panels.
+pub const CAPTIONS: [&str; 4] = ["photo", "depth", "normals", "mesh"];
 
 /// Longest side of a panel, pixels: four of them fit a wide screen.
 const PANEL: f64 = 440.0;
 const MARGIN: usize = 28;
 const GUTTER: usize = 14;
+/// The panel with a legend.
+const DEPTH_COLUMN: usize = 1;
 /// Room under a panel for its caption.
 const CAPTION: usize = 40;
 const CORNER: f32 = 6.0;
@@ -54,13 +62,13 @@ pub fn write_preview(out: &mut impl Write, rows: &[PreviewRow]) -> io::Result<()
     let mut top = MARGIN;
     for (row, &(panel_width, panel_height)) in rows.iter().zip(&sizes) {
         let range = inverse_range(row.depth);
-        let panels = [row.photo.clone(), depth_colours(row.depth, range), normal_colours(row.normal), row.mesh.clone()];
-        for (column, (panel, name)) in panels.iter().zip(["photo", "depth", "normals", "mesh"]).enumerate() {
+        let panels = [row.photo.clone(), depth_colours(row.depth, range), normal_colours(row.normal), row.last.clone()];
+        for (column, (panel, name)) in panels.iter().zip(row.captions).enumerate() {
             let left = MARGIN + column * (widest + GUTTER);
             picture.paste(&resampled(panel, panel_width, panel_height), (left, top), CORNER);
             let baseline = Vec2::new(left as f32 + 2.0, (top + panel_height) as f32 + 22.0);
             caption::draw(&mut picture, name, baseline, X_HEIGHT, INK);
-            if let ("depth", Some(range)) = (name, range) {
+            if let (DEPTH_COLUMN, Some(range)) = (column, range) {
                 depth_legend(&mut picture, range, baseline.with_x((left + panel_width) as f32 - 2.0));
             }
         }
@@ -70,9 +78,9 @@ pub fn write_preview(out: &mut impl Write, rows: &[PreviewRow]) -> io::Result<()
 }
 
 fn panel_size(row: &PreviewRow) -> io::Result<(usize, usize)> {
-    let PreviewRow { photo, depth, normal, mesh } = row;
-    if photo.is_empty() || !(photo.same_size(depth) && photo.same_size(normal) && photo.same_size(mesh)) {
-        return Err(unfit("the photo, depth, normals and mesh of a preview row are empty or differ in size"));
+    let PreviewRow { photo, depth, normal, last, captions: _ } = row;
+    if photo.is_empty() || !(photo.same_size(depth) && photo.same_size(normal) && photo.same_size(last)) {
+        return Err(unfit("the panels of a preview row are empty or differ in size"));
     }
     let scale = PANEL / photo.width().max(photo.height()) as f64;
     let scaled = |side: usize| ((side as f64 * scale).round() as usize).max(1);
@@ -152,7 +160,7 @@ mod tests {
     #[test]
     fn rows_of_mixed_sizes_are_refused() {
         let (colour, depth) = (Grid::filled(4, 3, [0.5; 3]), Grid::filled(4, 4, 1.0));
-        let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, mesh: &colour };
+        let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, last: &colour, captions: CAPTIONS };
         assert!(write_preview(&mut Vec::new(), &[row]).is_err());
         assert!(write_preview(&mut Vec::new(), &[]).is_err());
     }

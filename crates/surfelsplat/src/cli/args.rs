@@ -168,6 +168,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "FILE")]
     pub initial: Option<PathBuf>,
 
+    /// Weights of LPIPS for the perceptual term (default: `1 - SSIM` instead; docs/lpips.md says how to make them).
+    #[arg(long, value_name = "FILE")]
+    pub lpips: Option<PathBuf>,
+
     /// Stop after this many steps (default: those of the configuration).
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,

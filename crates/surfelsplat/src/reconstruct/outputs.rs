@@ -12,7 +12,7 @@ use surfel_io::write::normal_png::write_normal_png;
 use surfel_io::write::pfm::write_pfm;
 use surfel_io::write::ply_mesh::write_ply_mesh;
 use surfel_io::write::ply_surfels::{SplatLayout, write_surfels_ply};
-use surfel_io::write::preview::{PreviewRow, write_preview};
+use surfel_io::write::preview::{CAPTIONS, PreviewRow, write_preview};
 use surfel_io::write::{PlacedMesh, StagedDir, WriteError};
 use surfel_mesh::render::render_mesh;
 
@@ -87,7 +87,8 @@ impl Outputs<'_> {
                 photo: &self.views[v].image,
                 depth: &depths[v],
                 normal: &self.maps[v].normal,
-                mesh: &meshes[v],
+                last: &meshes[v],
+                captions: CAPTIONS,
             })
             .collect();
         staged.write(name, |out| write_preview(out, &rows))
