@@ -15,12 +15,14 @@ cargo build --release --quiet
 
 # name, scene, views, size
 score() {
-    local name=$1 scene=$scenes/$2 views=$3 size=$4
-    local ours=$out/$name peer=$out/$name.sgbm
-    "$tool" --quiet reconstruct "$scene" --views "$views" --size "$size" -o "$ours"
-    printf '\n## %s: views %s at %s\n' "$2" "$views" "$size"
-    printf '\nmatching, %s\n\n' "$(times "$ours")"
-    "$tool" eval depth "$scene" "$ours" | grep '^|'
+    local name=$1 scene=$scenes/$2 views=$3 size=$4 peer=$out/$1.sgbm ours
+    printf '\n### %s: views %s at %s\n' "$2" "$views" "$size"
+    for method in matching network; do
+        ours=$out/$name.$method
+        "$tool" --quiet reconstruct "$scene" --views "$views" --size "$size" --depth "$method" -o "$ours"
+        printf '\n%s, %s\n\n' "$method" "$(times "$ours")"
+        "$tool" eval depth "$scene" "$ours" | grep '^|'
+    done
     if "$python" bench/peers/opencv_sgbm.py "$scene" "$peer" --cameras "$ours/cameras.json" \
         --pair "${views%,*}" "${views#*,}" --size "${size%x*}" "${size#*x}" >"$out/$name.log" 2>&1; then
         printf '\nStereoSGBM, same photographs, cameras, size and range\n\n'
@@ -44,12 +46,15 @@ mkdir -p "$out"
 score dtu_23_24 dtu_scan24 23,24 320x256
 score dtu_43_42 dtu_scan24 43,42 320x256
 score dtu_23_24_640 dtu_scan24 23,24 640x512
+score dtu_43_42_640 dtu_scan24 43,42 640x512
 score fountain_4_5 strecha_fountain_p11 0004,0005 384x256
 score fountain_7_8 strecha_fountain_p11 0007,0008 384x256
+score fountain_4_5_768 strecha_fountain_p11 0004,0005 768x512
 score hololens_105_108 hololens_000 00105,00108 384x256
 score redwood_0_4 redwood_rgbd5 00000,00004 320x240
+score redwood_0_4_640 redwood_rgbd5 00000,00004 640x480
 
-printf '\n## Whole scenes without a flag\n\n| scene | views | seconds | peak MiB | triangles |\n|---|---|---|---|---|\n'
+printf '\n### Whole scenes without a flag\n\n| scene | views | seconds | peak MiB | triangles |\n|---|---|---|---|---|\n'
 for scene in dtu_scan24 strecha_fountain_p11 sceaux_castle ngp_fox hololens_000 robustmvd_table redwood_rgbd5 middlebury_temple_sparse_ring; do
     "$tool" --quiet reconstruct "$scenes/$scene" -o "$out/$scene"
     "$python" - "$out/$scene/report.json" "$scene" <<'PY'

@@ -23,5 +23,5 @@ for scene in "$out"/scenes/*/; do
     "$python" bench/peers/opencv_sgbm.py "$scene" "$out/sgbm/$name" --cameras "$out/ours/$name/cameras.json" \
         --pair 00 01 --size "${size%x*}" "${size#*x}" >"$out/sgbm.log" 2>&1 || { cat "$out/sgbm.log" >&2; exit 1; }
 done
-"$tool" eval synth --assets "$assets" --split val --seeds "$seeds" --size "$size" --method exact,matching \
+"$tool" eval synth --assets "$assets" --split val --seeds "$seeds" --size "$size" --method exact,matching,network \
     --result "StereoSGBM=$out/sgbm" -o "$out/report"

@@ -107,6 +107,21 @@ impl SurfelNet {
         &self.config
     }
 
+    /// The same weights with surfel adaptation switched off: regions are those of the surfels as first placed.
+    #[must_use]
+    pub fn without_adaptation(mut self) -> Self {
+        self.config.nyquist.adaptation = false;
+        self
+    }
+
+    /// The same weights with feature aggregation switched off: the surfels of the first head pass are final.
+    #[must_use]
+    pub fn without_aggregation(mut self) -> Self {
+        self.config.aggregation.enabled = false;
+        self.aggregation = None;
+        self
+    }
+
     /// Names and numbers of trained parameters of its parts, in the order they run.
     pub fn parts(&self) -> Vec<(&'static str, usize)> {
         let backbone = self.cnn.num_params() + self.pyramid.num_params();

@@ -17,21 +17,25 @@ const RIGHT_STEPS: f64 = 1.5;
 /// Largest error that counts, steps.
 const LARGEST_STEPS: f64 = 16.0;
 
-/// Divergence of the belief in the proposed planes from what the truth of `sample` says of them, mean over blocks.
-pub(crate) fn divergence(choice: &Choice, sample: &Sample, device: &Device) -> Tensor<1> {
+/// Divergence of the belief in the proposed planes from what the truth of `sample` says of them, mean over blocks;
+/// those of objects count `object_factor` times.
+pub(crate) fn divergence(choice: &Choice, sample: &Sample, object_factor: f64, device: &Device) -> Tensor<1> {
     let (width, height) = sample.size();
     let (columns, rows, views) = (width / choice.stride, height / choice.stride, sample.num_views());
     let inside = |map: Tensor<4>| map.narrow(2, 0, rows).narrow(3, 0, columns);
-    let mut truth = Vec::with_capacity(views * rows * columns);
-    for depth in &sample.depth {
+    let (mut truth, mut counts) = (Vec::new(), Vec::new());
+    for (depth, object) in sample.depth.iter().zip(&sample.object) {
         for block in 0..rows * columns {
-            truth.push(depth[(block % columns * choice.stride, block / columns * choice.stride)]);
+            let pixel = (block % columns * choice.stride, block / columns * choice.stride);
+            truth.push(depth[pixel]);
+            counts.push(if object[pixel] { object_factor as f32 } else { 1.0 });
         }
     }
     let of_blocks = |values: Vec<f32>| -> Tensor<4> {
         Tensor::from_data(TensorData::new(values, [views, 1, rows, columns]), device)
     };
-    let known = of_blocks(truth.iter().map(|z| if *z > 0.0 { 1.0 } else { 0.0 }).collect());
+    let known = truth.iter().zip(&counts).map(|(z, count)| if *z > 0.0 { *count } else { 0.0 });
+    let known = of_blocks(known.collect());
     let truth = of_blocks(truth.iter().map(|z| if *z > 0.0 { 1.0 / z } else { 0.0 }).collect());
     let steps: Vec<f32> = sample.seeds.iter().map(|seed| 1.0 / seed.step).collect();
     let inverse_step = Tensor::from_data(TensorData::new(steps, [views, 1, 1, 1]), device);

@@ -32,9 +32,16 @@ pub struct LossWeights {
     pub choice: f64,
     /// Opacity as the probability that the depth is right.
     pub opacity: f64,
+    /// How much more a pixel of an object counts in depth and choice than one of its surroundings.
+    #[serde(default = "one")]
+    pub object_factor: f64,
     /// Terms on maps rendered from the final surfels.
     #[serde(default)]
     pub rendered: RenderedWeights,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 impl LossWeights {
@@ -96,12 +103,13 @@ pub fn terms(
 ) -> Result<Terms, TrainError> {
     let truth = Truth::of(sample, device);
     let Truth { inverse_depth, mask, inverse_step, normals, normal_mask } = truth;
+    let counts = object_counts(sample, weights.object_factor, device);
     let predicted = said.maps.depth.clone().recip();
     let depth = || {
         let error = ((predicted.clone() - inverse_depth.clone()) * inverse_step.clone()).abs();
         let error = error.clamp_max(LARGEST_STEPS);
         let robust = (error.clone() / KNEE_STEPS).log1p() * KNEE_STEPS + error * LINEAR;
-        mean(robust.flatten(0, 2), mask.clone().flatten(0, 2))
+        mean(robust.flatten(0, 2), (mask.clone() * counts.clone()).flatten(0, 2))
     };
     let opacity = || {
         let relative = (inverse_depth.clone() / predicted.clone().detach() - 1.0).abs();
@@ -133,12 +141,22 @@ pub fn terms(
     add("normal", weights.normal, &|| of_surfels(1));
     add("initial_normal", weights.initial_normal, &|| of_surfels(0));
     add("plane_normal", weights.plane_normal, &of_planes);
-    add("choice", weights.choice, &|| said.maps.choice.as_ref().map(|choice| divergence(choice, sample, device)));
+    add("choice", weights.choice, &|| {
+        said.maps.choice.as_ref().map(|choice| divergence(choice, sample, weights.object_factor, device))
+    });
     add("opacity", weights.opacity, &|| Some(opacity()));
     if let Some([_, surfels]) = said.surfels {
         terms.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
     }
     Ok(Terms(terms))
+}
+
+/// How much each pixel counts, `[views, height, width]`.
+fn object_counts(sample: &Sample, factor: f64, device: &Device) -> Tensor<3> {
+    let (width, height) = sample.size();
+    let objects = sample.object.iter().flat_map(Grid::as_slice);
+    let counts: Vec<f32> = objects.map(|is| if *is { factor as f32 } else { 1.0 }).collect();
+    Tensor::from_data(TensorData::new(counts, [sample.num_views(), height, width]), device)
 }
 
 struct Truth {

@@ -13,7 +13,8 @@ use surfelsplat::experiments::method::{DepthFrom, built_in};
 /// Methods by name.
 #[derive(Debug, Args)]
 pub struct MethodArgs {
-    /// Methods that need no weights, by name: exact, matching, matching-without-adaptation.
+    /// Methods that need no file of weights, by name: exact, matching, matching-without-adaptation, network,
+    /// network-without-adaptation, network-without-aggregation.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = known)]
     method: Vec<String>,
 

@@ -6,7 +6,7 @@
 use crate::reconstruct::{DepthSource, Options};
 use std::path::PathBuf;
 use std::sync::Arc;
-use surfel_net::SurfelNet;
+use surfel_net::{Device, SurfelNet};
 
 /// One way of getting a surface out of photographs.
 #[derive(Clone, Debug)]
@@ -40,14 +40,31 @@ pub fn built_in() -> Vec<Method> {
         Method::new("exact", "the exact depth: the floor of every figure", Truth),
         Method::new("matching", "plane sweep and refinement", Road(|_| {})),
         Method::new("matching-without-adaptation", "the same depth, surfels as fine as first placed", Road(unadapted)),
+        Method::new("network", "matching, refined by the network that ships", Road(|o| o.depth = shipped(|net| net))),
+        Method::new(
+            "network-without-adaptation",
+            "the same weights, regions of the surfels as first placed; not retrained",
+            Road(|options| options.depth = shipped(SurfelNet::without_adaptation)),
+        ),
+        Method::new(
+            "network-without-aggregation",
+            "the same weights, surfels of the first head pass; not retrained",
+            Road(|options| options.depth = shipped(SurfelNet::without_aggregation)),
+        ),
     ]
 }
 
 /// A whole and the same without one part, by name, as the paper's table 3 compares them.
-pub const ABLATION: [&str; 2] = ["matching", "matching-without-adaptation"];
+pub const ABLATION: [&str; 3] = ["network", "network-without-adaptation", "network-without-aggregation"];
 
 fn unadapted(options: &mut Options) {
     options.surfels.low_pass_px = 0.0;
+}
+
+/// The network that ships, changed.
+fn shipped(change: fn(SurfelNet) -> SurfelNet) -> DepthSource {
+    let net = SurfelNet::shipped(&Device::flex()).expect("a test reads the weights that ship");
+    DepthSource::Network(Arc::new(change(net)))
 }
 
 impl Method {
@@ -86,6 +103,9 @@ mod tests {
         assert!(ABLATION.iter().all(|name| Method::named(name).is_some()));
         let changed = Method::named("matching-without-adaptation").unwrap().options(&Options::default()).unwrap();
         assert_eq!(changed.surfels.low_pass_px, 0.0);
+        let without = Method::named("network-without-aggregation").unwrap().options(&Options::default()).unwrap();
+        let DepthSource::Network(net) = without.depth else { panic!("not a network") };
+        assert!(!net.config().aggregation.enabled && net.config().nyquist.adaptation);
         assert!(Method::named("magic").is_none() && Method::named("exact").unwrap().options(&changed).is_none());
     }
 }

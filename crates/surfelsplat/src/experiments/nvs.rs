@@ -14,6 +14,7 @@ use surfel_eval::ssim::ssim;
 use surfel_io::scene::Scene;
 use surfel_io::write::picture_png::write_rgb_png;
 use surfel_io::write::surfels_from_ply::{SurfelFile, read_surfels_ply};
+use surfel_loss::LossError;
 use surfel_raster::{RenderConfig, SurfelSlices, render};
 use surfel_synth::contact_sheet::contact_sheet;
 
@@ -22,7 +23,7 @@ pub struct Perceptual<'a> {
     /// Column heading.
     pub name: &'a str,
     /// Both pictures sRGB in \[0, 1\], of one size.
-    pub distance: &'a dyn Fn(&Grid<[f32; 3]>, &Grid<[f32; 3]>) -> f64,
+    pub distance: &'a dyn Fn(&Grid<[f32; 3]>, &Grid<[f32; 3]>) -> Result<f64, LossError>,
 }
 
 /// Opacity from which a pixel counts as covered.
@@ -90,7 +91,10 @@ pub fn score_targets(
             psnr_covered: psnr_within(&picture, &photograph, &covered),
             coverage: count(&covered) as f64 / count(&view.valid).max(1) as f64,
             ssim: ssim(&picture, &photograph),
-            perceptual: perceptual.map(|p| (p.distance)(&picture, &photograph)),
+            perceptual: perceptual
+                .map(|p| (p.distance)(&picture, &photograph))
+                .transpose()
+                .map_err(|error| ExperimentError::Request(format!("{}: {error}", frame.name)))?,
             pictures: [photograph, picture],
         })
     };
@@ -151,6 +155,7 @@ pub fn report(scores: &[TargetScore], surfels: &str, perceptual: Option<&Percept
     // Writing to memory fails only for a picture without pixels, and then there is nothing to show.
     let drawn = write_rgb_png(&mut content, &contact_sheet(&tiles, 4));
     let figure = Figure { title: "Photograph and rendering".to_owned(), file: "views.png".to_owned(), content };
+    let missing = "LPIPS is missing: it needs the weights of VGG16, which do not ship (--lpips FILE; docs/lpips.md).";
     Report {
         title: format!("New views rendered from {surfels}"),
         notes: vec![
@@ -159,7 +164,10 @@ pub fn report(scores: &[TargetScore], surfels: &str, perceptual: Option<&Percept
              pixels. Pixels outside a photograph's mask are black in both, which flatters SSIM. Two photographs do not \
              see everything a third one does, so coverage limits the first column."
                 .to_owned(),
-        ],
+        ]
+        .into_iter()
+        .chain(name.is_none().then(|| missing.to_owned()))
+        .collect(),
         tables: vec![table],
         figures: drawn.is_ok().then_some(figure).into_iter().collect(),
     }

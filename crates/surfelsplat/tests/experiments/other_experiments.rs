@@ -33,6 +33,10 @@ fn a_view_that_was_held_out_looks_like_its_photograph_and_an_input_even_more() {
     let input = table(&nvs(&["--targets", "00"]), "New views");
     assert!(input.number(&["images/00.png"], "PSNR") > of("PSNR"));
     assert!(input.number(&["images/00.png"], "SSIM") > of("SSIM"));
+    assert!(held_out.contains("LPIPS is missing"), "{held_out}");
+    let args = ["eval", "nvs", scene.to_str().unwrap(), out.to_str().unwrap(), "--lpips", "no.safetensors"];
+    let refused = surfelsplat(args);
+    assert!(refused.code == Some(1) && refused.stderr.contains("no.safetensors"), "{}", refused.stderr);
     let none = surfelsplat(["eval", "nvs", scene.to_str().unwrap(), "nowhere"]);
     assert!(none.code == Some(1) && none.stderr.contains("nowhere"), "{}", none.stderr);
 }
@@ -63,7 +67,11 @@ fn an_ablation_changes_one_part_and_stands_beside_the_paper() {
     let args = ["eval", "ablation", "--kind", "torus", "--seeds", "3", "--size", "96x80", "--spacing", "6", "--json"];
     let run = surfelsplat(args).succeeded("eval ablation");
     let rows = table(&run.stdout, "One part left out");
-    assert_eq!(rows.len(), 2);
+    let names = ["network", "network-without-adaptation", "network-without-aggregation"];
+    assert!(rows.len() == 3 && names.iter().all(|name| rows.number(&[name], "within 1 %") > 0.5), "{}", run.stdout);
+    let methods = ["--method", "matching,matching-without-adaptation"];
+    let run = surfelsplat(args.iter().chain(&methods)).succeeded("eval ablation");
+    let rows = table(&run.stdout, "One part left out");
     let within = |method: &str| rows.number(&[method], "within 1 %");
     assert!(within("matching") > 0.5 && within("matching-without-adaptation") < within("matching"), "{}", run.stdout);
     assert_eq!(table(&run.stdout, "The paper's table 3").number(&["SurfelSplat (paper)"], "normal MSE"), 0.06);

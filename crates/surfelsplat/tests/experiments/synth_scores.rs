@@ -15,7 +15,7 @@ fn the_truth_is_perfect_matching_is_good_and_files_are_written() {
         ["eval", "synth", "--kind", "sphere,still-life", "--seeds", "0..2", "--size", "160x128", "--spacing", "4"];
     let run = surfelsplat(args.into_iter().chain(["--json", "-o", out.to_str().unwrap()])).succeeded("eval synth");
     let (depth, surface) = (table(&run.stdout, DEPTH), table(&run.stdout, SURFACE));
-    assert_eq!(table(&run.stdout, "Depth and normals per scene").len(), 4);
+    assert_eq!(table(&run.stdout, "Depth and normals per scene").len(), 6);
     let exact = |column: &str| depth.number(&["exact", "160x128"], column);
     assert_eq!((exact("within 1 %"), exact("coverage"), exact("median error, objects")), (1.0, 1.0, 0.0));
     assert!(exact("normals, deg") < 1e-3 && exact("normal MSE (sum)") < 1e-9);
@@ -25,6 +25,8 @@ fn the_truth_is_perfect_matching_is_good_and_files_are_written() {
     assert!(matching("within 1 %, objects") > 0.85, "{}", run.stdout);
     assert!(matching("median error, objects") < 3.0 && matching("normals, deg") < 25.0, "{}", run.stdout);
     assert!((matching("normal MSE (sum)") / matching("normal MSE (/3)") - 3.0).abs() < 1e-9);
+    let network = depth.number(&["network", "160x128"], "within 1 %, objects");
+    assert!(network > matching("within 1 %, objects") - 0.02, "{}", run.stdout);
     let chamfer = |method: &str| surface.column(&[method], "Chamfer")[0].as_f64().unwrap();
     // Points 4 mm and pixels 2 mm apart: that much no method can do without.
     assert!(chamfer("exact") < 2.0 && chamfer("matching") < chamfer("exact") + 3.0, "{}", run.stdout);

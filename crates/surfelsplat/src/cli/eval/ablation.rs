@@ -19,7 +19,8 @@ Example:
   surfelsplat eval ablation --assets DIR --seeds 0..20 -o out
   surfelsplat eval ablation --assets DIR --network whole=a.safetensors --network \"without aggregation=b.safetensors\"
 
-A network without a part is trained without it, for the same number of steps; each file says how it was trained
+By default the network that ships is compared with itself without a part, not retrained. To compare equal budgets,
+give networks: one without a part is trained without it, for the same number of steps; each file says how it was trained
 (surfelsplat weights info).")]
 pub struct AblationArgs {
     #[command(flatten)]

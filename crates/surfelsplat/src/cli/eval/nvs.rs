@@ -6,9 +6,15 @@ use anyhow::{Result, bail};
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use surfel_core::Grid;
 use surfel_io::scene::Scene;
+use surfel_loss::Lpips;
+use surfel_net::Device;
 use surfelsplat::experiments::dtu::inputs_of;
-use surfelsplat::experiments::nvs::{read_surfels, report, score_targets};
+use surfelsplat::experiments::nvs::{Perceptual, read_surfels, report, score_targets};
+
+/// sRGB in \[0, 1\].
+type Picture = Grid<[f32; 3]>;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -29,6 +35,10 @@ pub struct NvsArgs {
     /// Size of the renderings (default: as reconstruct chooses it).
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(usize, usize)>,
+
+    /// Weights of LPIPS, measured besides PSNR and SSIM (docs/lpips.md says how to make them).
+    #[arg(long, value_name = "FILE")]
+    lpips: Option<PathBuf>,
 
     /// Folder to write the report and the pictures into.
     #[arg(short, long, value_name = "DIR")]
@@ -51,7 +61,11 @@ pub fn run(args: &NvsArgs, json: bool) -> Result<ExitCode> {
             args.result.display()
         );
     }
-    let scores = score_targets(&surfels, &scene, &targets, args.size, None)?;
-    publish(&report(&scores, &args.result.display().to_string(), None), args.output.as_deref(), json)?;
+    let lpips = args.lpips.as_ref().map(|path| Lpips::from_file(path, &Device::flex())).transpose()?;
+    let distance = lpips.as_ref().map(|lpips| |a: &Picture, b: &Picture| lpips.of_pictures(a, b));
+    let perceptual = distance.as_ref().map(|distance| Perceptual { name: "LPIPS", distance });
+    let scores = score_targets(&surfels, &scene, &targets, args.size, perceptual.as_ref())?;
+    let report = report(&scores, &args.result.display().to_string(), perceptual.as_ref());
+    publish(&report, args.output.as_deref(), json)?;
     Ok(ExitCode::SUCCESS)
 }

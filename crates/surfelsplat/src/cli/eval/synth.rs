@@ -54,7 +54,7 @@ pub struct SynthArgs {
 }
 
 pub fn run(args: &SynthArgs, json: bool, quiet: bool) -> Result<ExitCode> {
-    let mut methods = args.methods.methods(&["exact", "matching"])?;
+    let mut methods = args.methods.methods(&["exact", "matching", "network"])?;
     methods.extend(args.result.iter().map(|NamedPath { name, path }| {
         Method::new(name, format!("results read from {}", path.display()), DepthFrom::Files(path.clone()))
     }));
