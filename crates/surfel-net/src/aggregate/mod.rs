@@ -4,11 +4,10 @@
 //! surfels start as the initial ones.
 
 use crate::config::AggregationConfig;
-use crate::ops::gather_attention;
 use crate::ops::gather_attention::Regions;
+use crate::ops::{gather_attention, gelu};
 use burn::module::Module;
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor};
 use std::sync::Arc;
 

@@ -4,10 +4,11 @@
 
 use crate::config::CostVolumeConfig;
 use crate::layers::{Conv2d, conv1x1, conv3x3, group_norm};
+use crate::ops::{Activation, gelu, group_norm as normed};
 use crate::unet::Unet;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::activation::{gelu, softmax};
+use burn::tensor::activation::softmax;
 use burn::tensor::{Device, Int, Tensor};
 
 /// Regularises the correlation volume and reads depth from it.
@@ -42,7 +43,7 @@ impl CoarseDepth {
         sources: &Tensor<2, Int>,
     ) -> (Tensor<4>, Tensor<4>) {
         let x = Tensor::cat(vec![correlation, features], 1);
-        let y = gelu(self.enter_norm.forward(self.enter.forward(x.clone())));
+        let y = normed(&self.enter_norm, self.enter.forward(x.clone()), Activation::Gelu, None);
         let refined = self.leave.forward(self.unet.forward(y, sources)) + self.residual.forward(x);
         let [first, second] = &self.head;
         let distribution = softmax(second.forward(gelu(first.forward(refined))), 1);

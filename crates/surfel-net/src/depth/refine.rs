@@ -11,10 +11,11 @@ use crate::head::values;
 use crate::layers::{Conv2d, conv3x3, depth_to_space, group_norm, space_to_depth, upsample};
 use crate::ops::plane_sweep;
 use crate::ops::plane_sweep::Base;
+use crate::ops::{Activation, gelu, group_norm as normed};
 use crate::unet::Unet;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::activation::{gelu, sigmoid};
+use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Int, Tensor};
 use std::sync::Arc;
 use surfel_core::Camera;
@@ -94,7 +95,7 @@ impl Refinement {
             let features = matcher.forward(Tensor::cat(vec![upsampled.clone(), pixels], 1));
             inputs.push(fine_correlation(config, features, at_stride, scene));
         }
-        let x = gelu(self.enter_norm.forward(self.enter.forward(Tensor::cat(inputs, 1))));
+        let x = normed(&self.enter_norm, self.enter.forward(Tensor::cat(inputs, 1)), Activation::Gelu, None);
         let refined = self.unet.forward(x, scene.sources);
         let [first, second] = &self.to_disparity;
         let output = depth_to_space(second.forward(gelu(first.forward(refined.clone()))), stride);

@@ -6,8 +6,8 @@
 
 use crate::layers::Conv2d;
 use crate::layers::conv1x1;
+use crate::ops::relu;
 use burn::module::{Module, Param};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
 /// Width of the judge.

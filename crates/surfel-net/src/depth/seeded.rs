@@ -13,11 +13,11 @@ use crate::config::{FineSweepConfig, NetConfig, RefinementConfig, SeededConfig};
 use crate::cost_volume::{sweep, warps};
 use crate::layers::{Conv2d, conv3x3, depth_to_space, group_norm, space_to_depth, upsample};
 use crate::ops::plane_sweep::Base;
-use crate::ops::{plane_sweep, propagate_planes};
+use crate::ops::{Activation, gelu, group_norm as normed, plane_sweep, propagate_planes};
 use crate::unet::Unet;
 use burn::module::{Module, Param};
 use burn::nn::GroupNorm;
-use burn::tensor::activation::{gelu, sigmoid};
+use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::sync::Arc;
 use surfel_core::Camera;
@@ -87,7 +87,7 @@ impl SeededRefinement {
             known = Tensor::cat(std::iter::once(known).chain(of_proposals).collect(), 2);
             inputs.extend(matched);
         }
-        let x = gelu(self.enter_norm.forward(self.enter.forward(Tensor::cat(inputs, 1))));
+        let x = normed(&self.enter_norm, self.enter.forward(Tensor::cat(inputs, 1)), Activation::Gelu, None);
         let refined = self.unet.forward(x, scene.sources);
         let [first, second] = &self.to_planes;
         let context = gelu(first.forward(refined.clone()));

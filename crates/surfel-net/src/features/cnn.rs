@@ -3,9 +3,9 @@
 //! Invariant: normalisation is per image, so a view's features do not depend on the other views.
 
 use crate::layers::{Conv2d, conv_config, conv1x1};
+use crate::ops::relu;
 use burn::module::Module;
 use burn::nn::{Initializer, InstanceNorm, InstanceNormConfig};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
 /// ImageNet statistics of sRGB in \[0, 1\].

@@ -4,8 +4,8 @@
 //! own centres lie at `4 i + 3`; it is therefore run on images moved by three pixels.
 
 use crate::layers::{Conv2d, conv1x1, conv3x3, upsample};
+use crate::ops::gelu;
 use burn::module::Module;
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor, TensorData};
 use surfel_core::Grid;
 use surfel_features::{FeatureExtractor, FeatureMap, Stage};

@@ -6,8 +6,8 @@
 
 use crate::config::HeadConfig;
 use crate::layers::{Conv2d, conv3x3};
+use crate::ops::gelu;
 use burn::module::{Module, Param};
-use burn::tensor::activation::gelu;
 use burn::tensor::{Device, Tensor};
 use surfel_core::sh;
 

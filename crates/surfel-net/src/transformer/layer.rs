@@ -3,9 +3,9 @@
 //! Invariant: cross-attention reads the neighbours as they were when the layer began.
 
 use super::window::Windows;
+use crate::ops::gelu;
 use burn::module::Module;
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::activation::gelu;
 use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Device, Int, Tensor};

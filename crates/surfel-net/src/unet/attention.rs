@@ -3,6 +3,7 @@
 //! Invariant: the identity until trained.
 
 use crate::layers::{Conv2d, conv1x1, zero_group_norm};
+use crate::ops::{Activation, group_norm as normed};
 use burn::module::Module;
 use burn::nn::GroupNorm;
 use burn::tensor::module::attention;
@@ -46,6 +47,6 @@ impl ViewAttention {
         let (query, key, value) = (part(0), gathered(part(1)), gathered(part(2)));
         let y = attention(query, key, value, None, None, AttentionModuleOptions::default());
         let y = y.swap_dims(2, 3).reshape([views, channels, height, width]);
-        x + self.norm.forward(self.merge.forward(y))
+        normed(&self.norm, self.merge.forward(y), Activation::Identity, Some(x))
     }
 }

@@ -8,10 +8,10 @@ mod residual;
 
 use crate::config::UnetConfig;
 use crate::layers::{Conv2d, conv_config, conv3x3, group_norm};
+use crate::ops::{Activation, group_norm as normed};
 use attention::ViewAttention;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::activation::silu;
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Int, Tensor};
@@ -111,7 +111,7 @@ impl Unet {
                 x = grow.forward(doubled(x));
             }
         }
-        silu(self.leave_norm.forward(self.leave.forward(x)))
+        normed(&self.leave_norm, self.leave.forward(x), Activation::Silu, None)
     }
 }
 

@@ -1,9 +1,9 @@
 //! The residual block of the U-Net, the identity (or its 1x1 skip) until trained.
 
 use crate::layers::{Conv2d, conv1x1, conv3x3, group_norm, zero_group_norm};
+use crate::ops::{Activation, group_norm as normed};
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::activation::silu;
 use burn::tensor::{Device, Tensor};
 
 #[derive(Module, Debug)]
@@ -27,11 +27,11 @@ impl ResidualBlock {
     }
 
     pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        let y = silu(self.first_norm.forward(self.first.forward(x.clone())));
-        let y = silu(self.second_norm.forward(self.second.forward(y)));
-        match &self.skip {
-            Some(skip) => skip.forward(x) + y,
-            None => x + y,
-        }
+        let y = normed(&self.first_norm, self.first.forward(x.clone()), Activation::Silu, None);
+        let skip = match &self.skip {
+            Some(skip) => skip.forward(x),
+            None => x,
+        };
+        normed(&self.second_norm, self.second.forward(y), Activation::Silu, Some(skip))
     }
 }

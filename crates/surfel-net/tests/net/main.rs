@@ -1,9 +1,11 @@
 //! All integration tests in one binary: linking burn is the slow part.
 
+mod activation;
 mod checkpoint;
 mod config;
 mod conv;
 mod gather_attention;
+mod group_norm;
 mod import;
 mod model;
 mod plane_sweep;

@@ -2,8 +2,9 @@
 //!
 //! Invariant: only the gradients that someone asks for are computed.
 
-use super::{flex, runs_on};
+use super::flex;
 use crate::ops::conv::{self, Conv};
+use crate::ops::kernel::runs_on;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
