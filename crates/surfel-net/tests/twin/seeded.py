@@ -84,9 +84,9 @@ def said_of(seeds, inverse_depth, cameras, neighbours):
         for other in others:
             turn = cameras.rotation[other] @ cameras.rotation[view].T
             shift = cameras.translation[other] - turn @ cameras.translation[view]
-            rays = torch.einsum("ij,jhw->ihw", turn @ cameras.matrix(view).inverse(), index)
-            points = rays + shift[:, None, None] * inverse_depth[view]
-            u, v, z = torch.einsum("ij,jhw->ihw", cameras.matrix(other), points)
+            turn = (cameras.matrix(other) @ turn @ cameras.matrix(view).inverse()).to(index.dtype)
+            shift = (cameras.matrix(other) @ shift).to(index.dtype)
+            u, v, z = torch.einsum("ij,jhw->ihw", turn, index) + shift[:, None, None] * inverse_depth[view]
             u, v = u / z, v / z
             column, row = u.round(), v.round()
             seen = (z > 0) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
