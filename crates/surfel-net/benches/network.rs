@@ -69,8 +69,10 @@ fn main() {
         std::hint::black_box(prediction.surfels.to_surfels());
     });
     println!("small network, two views of {WIDTH} x {HEIGHT}, without gradients: {whole:.0} ms");
+    print_peak_memory();
     let training = training_ms(&scene);
     println!("the same, forward and backward: {training:.0} ms");
+    print_peak_memory();
     print_peer(whole, training);
 
     let (width, height, channels, candidates) = (WIDTH / 4, HEIGHT / 4, 64, 64);
@@ -121,6 +123,15 @@ fn training_ms(scene: &SceneInput) -> f64 {
             + surfels.sh.powi_scalar(2).sum();
         std::hint::black_box(loss.backward());
     })
+}
+
+/// Of the process so far, where the system says it.
+fn print_peak_memory() {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    if let Some(kib) = line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok()) {
+        println!("peak memory: {:.0} MiB", kib / 1024.0);
+    }
 }
 
 /// Runs the PyTorch peer on as many threads as this bench and prints how its times compare.
