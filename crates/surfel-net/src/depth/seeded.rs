@@ -28,6 +28,8 @@ const MATCHED: usize = 2;
 const OWN_LEAD: f64 = 7.0;
 /// Corrections of a plane and a density per pixel.
 const PER_PIXEL: usize = 4;
+/// Offset, in steps, up to which matching knows better where it is sure.
+const FINE_STEPS: f64 = 0.5;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
 const CORRECTION: f64 = 0.1;
 
@@ -99,6 +101,7 @@ impl SeededRefinement {
         let choice = Choice::new(scores.clone(), seeds);
         let planes = propagate_planes(scores, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
+        let offset = held(offset, &seeds.sureness);
         let offset = if moves { offset } else { offset.zeros_like() };
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
         let device = planes.device();
@@ -113,6 +116,13 @@ impl SeededRefinement {
         let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
         Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes), choice: Some(choice) }
     }
+}
+
+/// Offsets in steps, drawn back to matching's depth where matching is sure and the offset small: a plane fitted to the
+/// photographs is finer than what a network learns, but a large mistake is not.
+fn held(offset: Tensor<4>, sureness: &Tensor<4>) -> Tensor<4> {
+    let is_small = (offset.clone() / FINE_STEPS).powi_scalar(2).neg().exp();
+    offset * (-(is_small * sureness.clone()) + 1.0)
 }
 
 /// `1 / fx, 1 / fy` per view, `[views, 2, 1, 1]`, 1 / pixel.

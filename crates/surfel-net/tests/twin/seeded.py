@@ -17,6 +17,8 @@ OWN_LEAD = 7.0
 # Score of an output of one of the judge, and the judge's width.
 SCORE_GAIN = 10.0
 JUDGE_WIDTH = 16
+# Offset, in steps, up to which matching knows better where it is sure.
+FINE_STEPS = 0.5
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
@@ -213,7 +215,10 @@ class SeededRefinement(nn.Module):
         lead[:, 0] = OWN_LEAD
         planes = propagated(self.scorer(known, context) + lead, proposals, stride)
         density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
-        moved = (planes[:, :1] + CORRECTION * per_pixel[:, :1]) * step + seeds.planes[:, :1]
+        offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
+        # Where matching is sure, small offsets are drawn back to its depth.
+        offset = offset * (1 - seeds.confidence.square() * (-(offset / FINE_STEPS).square()).exp())
+        moved = offset * step + seeds.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
         focal = cameras.intrinsics[:, :2, None, None].to(context.dtype)
         slopes = planes[:, 1:] * step + CORRECTION * per_pixel[:, 1:3] / focal * seeds.planes[:, :1]

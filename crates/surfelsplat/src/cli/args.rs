@@ -105,7 +105,7 @@ pub struct ReconstructArgs {
     pub size: Option<(usize, usize)>,
 
     /// How depth is found.
-    #[arg(long, value_enum, default_value_t = DepthMethod::Matching)]
+    #[arg(long, value_enum, default_value_t = DepthMethod::Network)]
     pub depth: DepthMethod,
 
     /// Weights of the network (default: those that ship with the program).
