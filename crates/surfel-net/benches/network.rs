@@ -53,6 +53,8 @@ fn seed() -> Seed {
 }
 
 fn main() {
+    // As the program does.
+    surfel_net::keep_freed_memory();
     let device = Device::flex();
     let (cameras, ranges) = (cameras(), [DepthRange { near: 1.0, far: 5.0 }; 2]);
     let images: Vec<_> = (0..2)

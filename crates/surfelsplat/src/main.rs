@@ -7,5 +7,6 @@ mod cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    surfel_net::keep_freed_memory();
     cli::run()
 }
