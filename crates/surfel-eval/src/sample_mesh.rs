@@ -3,7 +3,8 @@
 //! Every triangle is covered by a lattice along two of its edges, stretched so that a lattice cell has area
 //! `spacing²`; all vertices are added. Invariant: the points lie on the triangles, and their order is that of the mesh.
 
-use glam::DVec3;
+use crate::keep_faces::keep_faces;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_core::TriMesh;
 
@@ -19,6 +20,24 @@ pub fn sample_mesh(mesh: &TriMesh, spacing: f64) -> Vec<[f32; 3]> {
         .collect();
     let mut points = mesh.positions.clone();
     points.extend(lattice);
+    points
+}
+
+/// [`sample_mesh`] of the triangles with a corner inside the box of `reference` grown by `reach` (scene units) on every
+/// side; the others are their vertices. For scores in which a point counts at most `reach`: a backdrop at infinity,
+/// which costs the same however densely it is sampled, has room for more points than any memory.
+pub fn sample_mesh_near(mesh: &TriMesh, spacing: f64, reference: &[[f32; 3]], reach: f64) -> Vec<[f32; 3]> {
+    let corners = reference.iter().map(|point| Vec3::from(*point));
+    let (low, high) =
+        corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), point| (low.min(point), high.max(point)));
+    let (low, high) = (low - reach as f32, high + reach as f32);
+    let is_inside = |corner: &[f32; 3]| {
+        let corner = Vec3::from(*corner);
+        corner.cmpge(low).all() && corner.cmple(high).all()
+    };
+    let is_near = |triangle: usize| mesh.corners(triangle).iter().any(is_inside);
+    let mut points = sample_mesh(&keep_faces(mesh, is_near), spacing);
+    points.extend(keep_faces(mesh, |triangle| !is_near(triangle)).positions);
     points
 }
 
@@ -93,5 +112,21 @@ mod tests {
         assert_eq!(points.len(), 4 + 2 * 190);
         assert!(points.iter().all(|p| p[2] == 0.0 && (0.0..=1.0).contains(&p[0]) && (0.0..=1.0).contains(&p[1])));
         assert_eq!(points[..4], mesh.positions[..]);
+    }
+
+    #[test]
+    fn far_triangles_are_their_vertices_and_near_ones_are_sampled() {
+        let triangle = |z: f32, side: f32| [[0.0, 0.0, z], [side, 0.0, z], [0.0, side, z]];
+        let mesh = |triangles: &[[[f32; 3]; 3]]| TriMesh {
+            positions: triangles.concat(),
+            triangles: (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+            ..TriMesh::default()
+        };
+        let (near, far) = (triangle(1.0, 1.0), triangle(1e6, 1e6));
+        let reference = [[0.0, 0.0, 0.0], [0.5, 0.5, 0.9]];
+        let alone = sample_mesh(&mesh(&[near]), 0.1);
+        let both = sample_mesh_near(&mesh(&[near, far]), 0.1, &reference, 0.2);
+        assert!(alone.len() > 40 && both.len() == alone.len() + 3 && both.starts_with(&alone));
+        assert!(sample_mesh_near(&mesh(&[near]), 0.1, &reference, 0.05).len() == 3);
     }
 }

@@ -14,7 +14,7 @@ use surfel_core::{Camera, Grid, TriMesh};
 use surfel_eval::depth_map::restricted_to;
 use surfel_eval::normal_metrics::normal_map;
 use surfel_eval::object_chamfer::back_projected;
-use surfel_eval::sample_mesh::sample_mesh;
+use surfel_eval::sample_mesh::sample_mesh_near;
 use surfel_eval::view_score::{PredictedMaps, TrueMaps};
 use surfel_eval::{SurfaceScore, ViewScore, score_surface, score_view};
 use surfel_synth::{RenderedView, SceneSource, TrueScene};
@@ -96,7 +96,7 @@ pub fn score(method: &str, scene: &TrueScene, prediction: &Prediction, settings:
     };
     let depth_points: Vec<[f32; 3]> =
         scene.views.iter().zip(&prediction.views).flat_map(|(truth, view)| points_on_objects(truth, view)).collect();
-    let mesh_points = prediction.mesh.as_ref().map(|mesh| mesh_points(mesh, &scene.views, settings.spacing));
+    let mesh_points = prediction.mesh.as_ref().map(|mesh| mesh_points(mesh, &scene.views, &exact, settings));
     let camera = &scene.views.first()?.view.camera;
     Some(SceneScore {
         method: method.to_owned(),
@@ -135,7 +135,7 @@ fn points_on_objects(truth: &RenderedView, predicted: &PredictedView) -> Vec<[f3
 
 /// Points on a mesh that may belong to the objects: on their silhouette in every view that could see them, as the DTU
 /// protocol culls, so that a table behind an object is not asked to be the object.
-fn mesh_points(mesh: &TriMesh, views: &[RenderedView], spacing: f64) -> Vec<[f32; 3]> {
+fn mesh_points(mesh: &TriMesh, views: &[RenderedView], exact: &[[f32; 3]], settings: &SynthSettings) -> Vec<[f32; 3]> {
     let masks: Vec<(Camera, Grid<bool>)> = views.iter().map(|view| (view.view.camera, view.object_mask())).collect();
     let on_every_mask = |p: &[f32; 3]| {
         let point = Vec3::from(*p).as_dvec3();
@@ -150,5 +150,6 @@ fn mesh_points(mesh: &TriMesh, views: &[RenderedView], spacing: f64) -> Vec<[f32
         }
         seen
     };
-    sample_mesh(mesh, spacing).into_iter().filter(on_every_mask).collect()
+    let points = sample_mesh_near(mesh, settings.spacing, exact, settings.cap);
+    points.into_iter().filter(on_every_mask).collect()
 }

@@ -14,7 +14,7 @@ use surfel_eval::depth_map::restricted_to;
 use surfel_eval::depth_metrics::median;
 use surfel_eval::object_chamfer::{back_projected, object_chamfer};
 use surfel_eval::report::{Cell, Report, Table};
-use surfel_eval::sample_mesh::sample_mesh;
+use surfel_eval::sample_mesh::sample_mesh_near;
 use surfel_eval::{DepthMap, DepthScore, NormalScore, Reference, score_depth, score_depth_normals};
 use surfel_io::depth::read_pfm;
 use surfel_io::ply::read_ply_file;
@@ -185,7 +185,7 @@ fn chamfer_table(scored: &[Scored], args: &DepthArgs, cap: f64) -> Result<Table>
         let mesh = read_ply_file(&mesh_path)?;
         // As dense as the reference is: its pixel footprint.
         let spacing = scored.iter().map(|s| footprint(&s.reference, &s.reference_camera)).fold(f64::INFINITY, f64::min);
-        let sampled = sample_mesh(&mesh, spacing);
+        let sampled = sample_mesh_near(&mesh, spacing, &truth, cap);
         let kept: Vec<[f32; 3]> = sampled.into_iter().filter(|p| scored.iter().any(|s| is_inside(*p, s))).collect();
         push("mesh", &kept);
     }
