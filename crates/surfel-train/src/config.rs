@@ -118,3 +118,17 @@ impl TrainConfig {
         self.train.iter().map(|entry| entry.num_samples).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_configurations_that_come_along_can_be_used() {
+        let depth = TrainConfig::from_toml(include_str!("../configs/small.toml")).unwrap();
+        let surfels = TrainConfig::from_toml(include_str!("../configs/small_surfels.toml")).unwrap();
+        assert!(!depth.loss.needs_surfels() && surfels.loss.needs_surfels());
+        let misspelt = include_str!("../configs/small.toml").replace("plane_normal", "plain_normal");
+        assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
+    }
+}
