@@ -6,7 +6,6 @@
 use super::error::ReconstructError;
 use burn::tensor::Device;
 use surfel_core::normals::normal_from_rotation;
-use surfel_core::nyquist::{NyquistMode, adapt, sampling_rate};
 use surfel_core::{Camera, Grid, Surfels, View};
 use surfel_net::{DepthRange, SceneInput, Seed, SurfelNet, values};
 use surfel_stereo::DepthEstimate;
@@ -66,7 +65,7 @@ pub fn refine(
         let seen = |x: usize, y: usize| view.valid[(x, y)];
         for k in (0..pixels).filter(|i| seen(i % width, i / width)).map(|i| v * pixels + i) {
             kept.centres.push(surfels.centres[k]);
-            kept.scales.push(low_passed(surfels.scales[k], depth[k], &view.camera));
+            kept.scales.push(surfels.scales[k]);
             first_scales.initial.push(initial[k]);
             first_scales.adapted.push(adapted[k]);
             kept.rotations.push(surfels.rotations[k]);
@@ -87,13 +86,4 @@ pub fn refine(
         });
     }
     Ok(Learned { estimates: learned, surfels: kept, first_scales })
-}
-
-/// Standard deviation of the low-pass that the surfels' scales get, pixels: no rendering has trained them yet, and
-/// thinner ones leave the front one of two nearly equal surfaces alone to be seen (spec 2.7.5, `filter_output_scales`).
-const LOW_PASS_PX: f64 = 0.6;
-
-fn low_passed(scales: [f32; 2], depth: f32, camera: &Camera) -> [f32; 2] {
-    let rate = sampling_rate(NyquistMode::Consistent, camera.intrinsics.fx, camera.intrinsics.fy, f64::from(depth));
-    scales.map(|scale| adapt(NyquistMode::Consistent, f64::from(scale), rate, LOW_PASS_PX) as f32)
 }
