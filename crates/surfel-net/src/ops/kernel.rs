@@ -14,7 +14,7 @@ use burn_flex::FlexTensor;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// Most inputs of a kernel; those it lacks are filled with [`blank`] tensors, which nothing reads.
+/// Most inputs of a kernel; those it lacks are filled with blank tensors, which nothing reads.
 pub const SLOTS: usize = 5;
 
 /// A differentiable function of some arrays, with everything else it needs inside.
