@@ -79,6 +79,14 @@ pub enum WeightsError {
         /// What the system said.
         reason: String,
     },
+    /// A file that is whole, but not of use here.
+    #[error("{file} cannot be used: {reason}")]
+    Unusable {
+        /// The file.
+        file: String,
+        /// Why.
+        reason: String,
+    },
     /// A value is NaN or infinite.
     #[error("tensor {tensor} in {file} contains a value that is not a finite number; the file is damaged")]
     NotFinite {

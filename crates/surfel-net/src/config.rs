@@ -3,6 +3,7 @@
 //! Everything the graph depends on is here; nothing else decides a shape. Invariant: a configuration that
 //! passed [`NetConfig::from_toml`] builds without a panic, and an unknown key is an error, not a silent default.
 
+pub use crate::features::dino::DinoModel;
 use serde::{Deserialize, Serialize};
 
 /// A network's settings.
@@ -21,6 +22,9 @@ pub struct NetConfig {
     pub seeded: Option<SeededConfig>,
     /// Refinement towards full resolution.
     pub refinement: RefinementConfig,
+    /// Frozen DINOv2 features added to the backbone's; absent in every preset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dino: Option<DinoConfig>,
     /// Surfel attributes.
     pub head: HeadConfig,
     /// Surfel adaptation and footprint regions.
@@ -66,6 +70,31 @@ pub struct TransformerConfig {
     pub num_splits: usize,
     /// Hidden width of the feed-forward part over its input width `2 C`.
     pub expansion: usize,
+    /// Cross-attention along epipolar lines; inside the windows when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub epipolar: Option<EpipolarConfig>,
+}
+
+/// Cross-attention of each pixel to samples of its epipolar line in every neighbour.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EpipolarConfig {
+    /// Samples of a line between the ends of the depth range, uniform in inverse depth.
+    pub num_samples: usize,
+    /// Heads; divides the backbone's channels.
+    pub num_heads: usize,
+}
+
+/// Frozen DINOv2 features (spec 1.10, row 3). Their weights are the user's own file, no part of this network's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DinoConfig {
+    /// Which of the published models.
+    pub model: DinoModel,
+    /// Its weights; not written into weights files, where another machine's path would be of no use. Without it, the
+    /// file is named by [`SurfelNet::with_dino`](crate::SurfelNet::with_dino).
+    #[serde(default, skip_serializing)]
+    pub file: Option<std::path::PathBuf>,
 }
 
 /// A U-Net (spec 2.6).
@@ -301,6 +330,13 @@ impl NetConfig {
             count("transformer.num_layers", transformer.num_layers, 64, "between 1 and 64")?;
             count("transformer.num_splits", transformer.num_splits, 64, "between 1 and 64")?;
             count("transformer.expansion", transformer.expansion, 16, "between 1 and 16")?;
+            if let Some(EpipolarConfig { num_samples, num_heads }) = transformer.epipolar {
+                let (key, expected) = ("transformer.epipolar.num_samples", "between 2 and 1024");
+                require((2..=1024).contains(&num_samples), key, num_samples.to_string(), expected)?;
+                let divides = num_heads > 0 && self.backbone.channels().is_multiple_of(num_heads);
+                let (key, expected) = ("transformer.epipolar.num_heads", "a divisor of backbone.channels");
+                require(divides, key, num_heads.to_string(), expected)?;
+            }
         }
         if let Some(volume) = &self.cost_volume {
             let candidates = volume.num_candidates;

@@ -2,6 +2,7 @@
 //!
 //! Invariant: a scene that passed [`SceneInput::check`] cannot make the network panic.
 
+use crate::config::DinoModel;
 use crate::cost_volume::DepthRange;
 use crate::seed::Seed;
 use surfel_core::{Camera, Grid};
@@ -80,6 +81,14 @@ pub enum InputError {
     Seed {
         /// Index of the view.
         view: usize,
+    },
+    /// A network with DINO features whose DINO weights were never given.
+    #[error(
+        "the network adds features of {model}, whose weights it was not given; name their file in [dino] of its settings or by `SurfelNet::with_dino`"
+    )]
+    NoDino {
+        /// The model.
+        model: DinoModel,
     },
     /// A pixel that is not a number.
     #[error("the image of view {view} holds a value that is not a finite number; read the photograph again")]

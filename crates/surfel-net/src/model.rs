@@ -9,6 +9,7 @@ use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
 use crate::depth::{Choice, CoarseDepth, Refined, Refinement, SceneGeometry, SeedMaps, SeededRefinement, disparity};
 use crate::features::cnn::Cnn;
+use crate::features::dino::{Dino, DinoFusion};
 use crate::features::pyramid::Pyramid;
 use crate::head::{Adapter, AttributeHead, Base, SurfelTensors, frames_from_normals, normals_away};
 use crate::input::{InputError, SceneInput};
@@ -21,7 +22,9 @@ use crate::ops::plane_sweep::Base as SweepBase;
 use crate::transformer::Transformer;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
+use std::path::Path;
 use std::sync::Arc;
+use surfel_core::Grid;
 use surfel_features::{FeatureExtractor, WeightsError};
 
 /// The network.
@@ -35,6 +38,10 @@ pub struct SurfelNet {
     seeded: Option<SeededRefinement>,
     head: AttributeHead,
     aggregation: Option<Aggregation>,
+    // Last, so that a network with it starts from the same weights as one without.
+    dino_fusion: Option<DinoFusion>,
+    #[module(skip)]
+    dino: Option<Dino>,
     #[module(skip)]
     trunk: Option<FeatureExtractor>,
     #[module(skip)]
@@ -73,7 +80,7 @@ impl SurfelNet {
     /// A fresh network; seed the device first for reproducible weights.
     ///
     /// # Errors
-    /// [`WeightsError`] when the pretrained trunk cannot be read.
+    /// [`WeightsError`] when the pretrained trunk or the file of DINO weights cannot be read.
     pub fn new(config: NetConfig, device: &Device) -> Result<Self, WeightsError> {
         let channels = config.backbone.channels();
         let (cnn, trunk, pyramid) = match &config.backbone {
@@ -83,6 +90,7 @@ impl SurfelNet {
             }
         };
         let feature_channels = config.feature_channels();
+        let dino_file = config.dino.as_ref().and_then(|dino| Some((dino.model, dino.file.as_ref()?)));
         let net = Self {
             cnn,
             pyramid,
@@ -95,11 +103,29 @@ impl SurfelNet {
                 .aggregation
                 .enabled
                 .then(|| Aggregation::new(feature_channels, &config.aggregation, device)),
+            dino_fusion: config.dino.as_ref().map(|dino| DinoFusion::new(dino.model.width(), channels, device)),
+            dino: dino_file.map(|(model, file)| Dino::from_file(model, file, device)).transpose()?,
             trunk,
             config,
         };
         net.visit(&mut DrawWeights);
         Ok(net)
+    }
+
+    /// The network with the frozen DINO weights of a file, safetensors or PyTorch, by the names of the original
+    /// release or of Hugging Face; they are read here and stay on the CPU.
+    ///
+    /// # Errors
+    /// [`WeightsError`] when the file cannot be read, is damaged, holds another model than the settings name, or when
+    /// they name none.
+    pub fn with_dino(mut self, file: impl AsRef<Path>, device: &Device) -> Result<Self, WeightsError> {
+        let file = file.as_ref();
+        let Some(dino) = &self.config.dino else {
+            let reason = "this network adds no DINO features".to_owned();
+            return Err(WeightsError::Unusable { file: file.display().to_string(), reason });
+        };
+        self.dino = Some(Dino::from_file(dino.model, file, device)?);
+        Ok(self)
     }
 
     /// The settings it was built with.
@@ -125,14 +151,16 @@ impl SurfelNet {
     /// Names and numbers of trained parameters of its parts, in the order they run.
     pub fn parts(&self) -> Vec<(&'static str, usize)> {
         let backbone = self.cnn.num_params() + self.pyramid.num_params();
-        vec![
+        let mut parts = vec![
             ("backbone", backbone),
             ("transformer", self.transformer.num_params()),
             ("coarse depth", self.coarse.num_params()),
             ("refinement", self.refinement.num_params() + self.seeded.num_params()),
             ("attribute head", self.head.num_params()),
             ("aggregation", self.aggregation.num_params()),
-        ]
+        ];
+        parts.extend(self.dino_fusion.as_ref().map(|fusion| ("DINO fusion", fusion.num_params())));
+        parts
     }
 
     /// Depth and surfels of a scene.
@@ -174,6 +202,9 @@ impl SurfelNet {
         let expected = if self.config.seeded.is_some() { scene.images.len() } else { 0 };
         if scene.seeds.len() != expected {
             return Err(InputError::Seeds { found: scene.seeds.len(), expected });
+        }
+        if let (Some(dino), None) = (&self.config.dino, &self.dino) {
+            return Err(InputError::NoDino { model: dino.model });
         }
         let (width, height) = (scene.images[0].width(), scene.images[0].height());
         let others = neighbours(scene.cameras, self.config.num_neighbours);
@@ -217,6 +248,7 @@ impl SurfelNet {
             (None, Some(pyramid), Some(trunk)) => pyramid.forward(trunk, &padded, device),
             _ => unreachable!("a network is built with one of the two backbones"),
         };
+        let context = self.with_dino_features(context, &padded, device);
         match (&self.transformer, &self.coarse, &self.refinement, &self.seeded, &self.config.seeded) {
             (_, _, _, Some(seeded), Some(config)) => {
                 let (width, height) = (padded[0].width(), padded[0].height());
@@ -228,13 +260,26 @@ impl SurfelNet {
                 (refined, confidence)
             }
             (Some(transformer), Some(coarse), Some(refinement), _, _) => {
-                let matching = transformer.forward(context.clone(), others.clone());
+                let [_, _, rows, columns] = context.dims();
+                let lines = transformer.lines(geometry, (columns, rows));
+                let matching = transformer.forward(context.clone(), others.clone(), lines);
                 let (disparity, confidence) = self.swept(coarse, &matching, geometry);
                 let pair = (disparity, confidence.clone());
                 let refined = refinement.forward(&self.config, images, (matching, context), pair, geometry);
                 (refined, nearest(confidence, 4))
             }
             _ => unreachable!("a network is built with one of the two sources of coarse depth"),
+        }
+    }
+
+    /// The backbone's features with those of DINO added, where there are some.
+    fn with_dino_features(&self, context: Tensor<4>, images: &[Grid<[f32; 3]>], device: &Device) -> Tensor<4> {
+        match (&self.dino_fusion, &self.dino) {
+            (Some(fusion), Some(dino)) => {
+                let patches = dino.patches(image_tensor(images, dino.device()));
+                fusion.forward(context, Tensor::from_data(patches.into_data(), device))
+            }
+            _ => context,
         }
     }
 
@@ -302,7 +347,7 @@ fn index_tensor(lists: &[Vec<usize>], device: &Device) -> Tensor<2, Int> {
 }
 
 /// Images as `[views, 3, height, width]`.
-fn image_tensor(images: &[surfel_core::Grid<[f32; 3]>], device: &Device) -> Tensor<4> {
+fn image_tensor(images: &[Grid<[f32; 3]>], device: &Device) -> Tensor<4> {
     let (width, height) = (images[0].width(), images[0].height());
     let values: Vec<f32> = images.iter().flat_map(|image| image.as_slice().as_flattened()).copied().collect();
     Tensor::<4>::from_data(TensorData::new(values, [images.len(), height, width, 3]), device).permute([0, 3, 1, 2])

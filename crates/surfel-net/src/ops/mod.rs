@@ -5,9 +5,12 @@
 
 pub mod activation;
 pub mod conv;
+pub mod epipolar;
+pub mod epipolar_attention;
 pub mod gather_attention;
 pub mod group_norm;
 mod join;
+mod join_epipolar;
 mod join_propagate;
 mod join_render;
 pub mod kernel;
@@ -21,5 +24,6 @@ pub(crate) use activation::{gelu, relu};
 pub use group_norm::group_norm;
 pub use join::conv::conv2d;
 pub use join::{gather_attention, plane_sweep};
+pub use join_epipolar::epipolar_attention;
 pub use join_propagate::propagate as propagate_planes;
 pub(crate) use join_render::render_planes;

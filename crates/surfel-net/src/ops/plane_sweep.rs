@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Depth in the neighbour over depth in the reference below which a sample counts as behind the camera.
-const MIN_DEPTH_RATIO: f32 = 1e-3;
+pub(super) const MIN_DEPTH_RATIO: f32 = 1e-3;
 /// Channels whose gradients one task accumulates.
 const CHUNK: usize = 32;
 

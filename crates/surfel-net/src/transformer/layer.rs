@@ -1,16 +1,21 @@
 //! One transformer layer: attention within the view, then to its neighbours, then a feed-forward part.
 //!
-//! Invariant: cross-attention reads the neighbours as they were when the layer began.
+//! The neighbours are read inside the same window or along epipolar lines. Invariant: cross-attention reads them as
+//! they were when the layer began.
 
+use super::along::LineAttention;
 use super::window::Windows;
+use crate::config::TransformerConfig;
+use crate::ops::epipolar::EpipolarLines;
 use crate::ops::gelu;
 use burn::module::Module;
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
 use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Device, Int, Tensor};
+use std::sync::Arc;
 
-fn linear(inputs: usize, outputs: usize, device: &Device) -> Linear {
+pub(super) fn linear(inputs: usize, outputs: usize, device: &Device) -> Linear {
     let initializer = Initializer::XavierUniform { gain: 1.0 };
     LinearConfig::new(inputs, outputs).with_bias(false).with_initializer(initializer).init(device)
 }
@@ -74,28 +79,41 @@ impl Attention {
 #[derive(Module, Debug)]
 pub(super) struct Layer {
     within: Attention,
-    across: Attention,
+    across: Option<Attention>,
+    along: Option<LineAttention>,
     widen: Linear,
     narrow: Linear,
     norm: LayerNorm,
 }
 
 impl Layer {
-    pub(super) fn new(channels: usize, expansion: usize, device: &Device) -> Self {
-        let hidden = 2 * channels * expansion;
+    pub(super) fn new(channels: usize, config: &TransformerConfig, device: &Device) -> Self {
+        let hidden = 2 * channels * config.expansion;
         Self {
             within: Attention::new(channels, device),
-            across: Attention::new(channels, device),
+            across: config.epipolar.is_none().then(|| Attention::new(channels, device)),
+            along: config.epipolar.as_ref().map(|config| LineAttention::new(channels, config, device)),
             widen: linear(2 * channels, hidden, device),
             narrow: linear(hidden, channels, device),
             norm: LayerNormConfig::new(channels).init(device),
         }
     }
 
-    pub(super) fn forward(&self, x: Tensor<4>, neighbours: &Tensor<2, Int>, windows: &Windows) -> Tensor<4> {
+    /// `lines` are there where the configuration asks for them.
+    pub(super) fn forward(
+        &self,
+        x: Tensor<4>,
+        neighbours: &Tensor<2, Int>,
+        windows: &Windows,
+        lines: Option<&Arc<EpipolarLines>>,
+    ) -> Tensor<4> {
         let before = x.clone();
         let x = x.clone() + self.within.forward(x.clone(), x, None, windows);
-        let message = self.across.forward(x.clone(), before, Some(neighbours), windows);
+        let message = match (&self.across, &self.along, lines) {
+            (Some(across), _, _) => across.forward(x.clone(), before, Some(neighbours), windows),
+            (None, Some(along), Some(lines)) => along.forward(x.clone(), before, lines),
+            _ => unreachable!("a layer is built with one kind of cross-attention, and lines are drawn for it"),
+        };
         let both = Tensor::cat(vec![x.clone(), message], 3);
         x + self.norm.forward(self.narrow.forward(gelu(self.widen.forward(both))))
     }

@@ -4,6 +4,8 @@ mod activation;
 mod checkpoint;
 mod config;
 mod conv;
+mod dino;
+mod epipolar;
 mod gather_attention;
 mod group_norm;
 mod import;

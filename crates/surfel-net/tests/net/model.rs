@@ -49,7 +49,7 @@ impl Scene {
         self
     }
 
-    fn input(&self) -> SceneInput<'_> {
+    pub(crate) fn input(&self) -> SceneInput<'_> {
         SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds: &[] }
     }
 }

@@ -44,10 +44,14 @@ pub(super) fn out<const D: usize>(name: &'static str, tensor: Tensor<D>) -> (&'s
 
 impl Fixture {
     pub(super) fn open(name: &'static str) -> Self {
-        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/twin/fixtures");
-        let path = folder.join(format!("{name}.safetensors"));
+        let path = Self::path(name);
         let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         Self { name, bytes, leaves: RefCell::default() }
+    }
+
+    /// Where the file of a case lies.
+    pub(super) fn path(name: &str) -> PathBuf {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/twin/fixtures/{name}.safetensors"))
     }
 
     fn names(&self) -> Vec<String> {

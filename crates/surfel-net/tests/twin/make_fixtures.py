@@ -19,6 +19,8 @@ from safetensors.numpy import save_file
 
 import cameras as posed
 from aggregate import Aggregation, gather_attention
+from dino import DinoFusion, Vit, patches_of, published
+from epipolar import Lines, epipolar_attention
 from features import Cnn, Pyramid
 from head import AttributeHead, surfels_of
 from matching import CoarseDepth, plane_sweep, uniform_disparities
@@ -34,6 +36,8 @@ CONFIG = tomllib.loads((HERE / "twin.toml").read_text())
 TINY = tomllib.loads((HERE / "../../presets/tiny.toml").read_text())
 # Rounding of f32 moves a splatted value by less than this.
 SAFE_MARGIN = 1e-5
+# Near and far of up to three views.
+RANGES = [(1.5, 6.0), (1.4, 5.0), (1.6, 7.0)]
 
 
 def random(seed, *shape, low=-1.0, high=1.0):
@@ -149,6 +153,54 @@ def transformer():
         write(f"transformer_{views}_views", call, {"features": features}, module)
 
 
+def clear_lines(num_samples, height, width, seed):
+    """Cameras with different intrinsics, some of whose lines leave the neighbour, none of them by a hair."""
+    for attempt in range(1000):
+        rig = posed.side_by_side(3, 4 * width, 4 * height, seed=[seed, attempt])
+        rig.intrinsics = rig.intrinsics * random([seed, attempt], 3, 4, low=0.8, high=1.2)
+        lines = Lines(rig, others(3), RANGES, num_samples, height, width)
+        if lines.margin > 10 * SAFE_MARGIN:
+            break
+    inside = torch.cat([inside.double().flatten() for view in lines.inside for inside in view])
+    lonely = sum(int((torch.cat(view).sum(dim=0) == 0).sum()) for view in lines.inside)
+    print(f"  margin {lines.margin:.1e}, {inside.mean():.0%} of the samples inside, {lonely} pixels without any")
+    return rig, lines
+
+
+@case
+def epipolar():
+    rig, lines = clear_lines(5, 6, 8, seed=14)
+    inputs = {name: 2 * random(15 + i, 3, 6, 8, 8) for i, name in enumerate(("query", "key", "value"))}
+    inputs |= {name: random(18 + i, 5, 8) for i, name in enumerate(("depth_key", "depth_value"))}
+    call = functools.partial(epipolar_attention, num_heads=2, lines=lines)
+    write("epipolar_attention", call, inputs, cameras=rig)
+
+    config = CONFIG["transformer"] | {"epipolar": {"num_samples": 7, "num_heads": 2}}
+    rig, lines = clear_lines(7, 8, 12, seed=16)
+    module = filled(Transformer(8, config), 17)
+    call = functools.partial(module, neighbours=others(3), lines=lines)
+    write("transformer_epipolar", call, {"features": random(11, 3, 8, 8, 12)}, module, cameras=rig)
+
+
+def published_file(name, tensors):
+    arrays = {key: np.ascontiguousarray(value.detach().numpy().astype(np.float16)) for key, value in tensors.items()}
+    save_file(arrays, HERE / "fixtures" / f"{name}.safetensors")
+
+
+@case
+def dino():
+    module = filled(Vit(), 120)
+    inputs = {"wide": random(121, 2, 3, 28, 56), "square": random(122, 1, 3, 42, 42)}
+    write("vit", lambda wide, square: {"wide": module(wide), "square": module(square)}, inputs, module)
+    published_file("dino_original", published(module, hugging_face=False))
+    published_file("dino_hugging_face", published(module, hugging_face=True))
+    images = random(123, 2, 3, 16, 32, low=0)
+    write("dino_patches", lambda: patches_of(module, images), {}, given={"images": images.numpy().astype(np.float32)})
+    fusion = filled(DinoFusion(16, 8), 124)
+    inputs = {"context": random(125, 2, 8, 4, 6), "patches": random(126, 2, 16, 2, 3)}
+    write("dino_fusion", fusion, inputs, fusion)
+
+
 @case
 def view_attention():
     module = filled(ViewAttention(64), 20)
@@ -188,9 +240,6 @@ def coarse():
         return {"disparity": disparity, "confidence": confidence}
 
     write("coarse", call, {"correlation": random(41, 2, 8, 6, 8), "features": random(42, 2, 8, 6, 8)}, module)
-
-
-RANGES = [(1.5, 6.0), (1.4, 5.0), (1.6, 7.0)]
 
 
 @case

@@ -3,6 +3,8 @@
 //! One file per twin; README.md says how the fixtures are made.
 
 mod aggregate;
+mod dino;
+mod epipolar;
 mod features;
 mod fixture;
 mod head;

@@ -1,4 +1,4 @@
-"""The multi-view transformer with shifted windows (spec 2.3)."""
+"""The multi-view transformer with shifted windows (spec 2.3), or with attention along epipolar lines across views."""
 
 import math
 
@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from epipolar import LineAttention
 from layers import LayerNorm, Linear
 
 
@@ -90,35 +91,43 @@ class Attention(nn.Module):
 
 
 class Layer(nn.Module):
-    def __init__(self, channels, expansion):
+    def __init__(self, channels, config):
         super().__init__()
-        self.within, self.across = Attention(channels), Attention(channels)
+        expansion, epipolar = config["expansion"], config.get("epipolar")
+        self.within = Attention(channels)
+        if epipolar is None:
+            self.across = Attention(channels)
+        else:
+            self.along = LineAttention(channels, epipolar["num_heads"])
         self.widen = Linear(2 * channels, 2 * channels * expansion, bias=False)
         self.narrow = Linear(2 * channels * expansion, channels, bias=False)
         self.norm = LayerNorm(channels)
 
-    def forward(self, x, neighbours, splits, shifted):
+    def forward(self, x, neighbours, splits, shifted, lines):
         before = x
         itself = [[view] for view in range(x.shape[0])]
         x = x + self.within(x, x, itself, splits, shifted)
-        message = self.across(x, before, neighbours, splits, shifted)
+        if lines is None:
+            message = self.across(x, before, neighbours, splits, shifted)
+        else:
+            message = self.along(x, before, lines)
         message = self.narrow(F.gelu(self.widen(torch.cat([x, message], dim=3))))
         return x + self.norm(message)
 
 
 class Transformer(nn.Module):
-    """`[views, channels, h, w]` to the same shape."""
+    """`[views, channels, h, w]` to the same shape; `lines` where the configuration asks for them."""
 
     def __init__(self, channels, config):
         super().__init__()
-        self.layers = nn.ModuleList(Layer(channels, config["expansion"]) for _ in range(config["num_layers"]))
+        self.layers = nn.ModuleList(Layer(channels, config) for _ in range(config["num_layers"]))
         self.splits = config["num_splits"]
 
-    def forward(self, features, neighbours):
+    def forward(self, features, neighbours, lines=None):
         x = features.permute(0, 2, 3, 1)
         _, height, width, channels = x.shape
         encoding = position_encoding(height // self.splits, width // self.splits, channels, x.dtype)
         x = x + encoding.repeat(self.splits, self.splits, 1)
         for i, layer in enumerate(self.layers):
-            x = layer(x, neighbours, self.splits, shifted=i % 2 == 1)
+            x = layer(x, neighbours, self.splits, shifted=i % 2 == 1, lines=lines)
         return x.permute(0, 3, 1, 2)

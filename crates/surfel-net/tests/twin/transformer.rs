@@ -8,7 +8,7 @@ fn assert_equal(name: &'static str, views: usize) {
     let fixture = Fixture::open(name);
     let transformer = Transformer::new(8, &config().transformer.unwrap(), &device());
     fixture.assert_equal(transformer, |transformer| {
-        vec![out("y", transformer.forward(fixture.input("features"), indices(&others(views))))]
+        vec![out("y", transformer.forward(fixture.input("features"), indices(&others(views)), None))]
     });
 }
 
