@@ -84,7 +84,7 @@ pub enum InputError {
     },
     /// A network with DINO features whose DINO weights were never given.
     #[error(
-        "the network adds features of {model}, whose weights it was not given; name their file in [dino] of its settings or by `SurfelNet::with_dino`"
+        "the network adds features of {model}, whose weights it was not given; name their file with `--dino`, in [dino] of its settings, or by `SurfelNet::with_dino`"
     )]
     NoDino {
         /// The model.

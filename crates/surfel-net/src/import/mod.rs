@@ -99,7 +99,11 @@ fn require_trunk(
     config: &NetConfig,
     reference: Reference,
 ) -> Result<(), ImportError> {
-    let trunk: Vec<&Named> = ours.iter().filter(|p| TRUNK.iter().any(|part| p.name.starts_with(part))).collect();
+    // Attention along epipolar lines is in the trunk, but in none of the references.
+    let in_trunk = |name: &str| {
+        TRUNK.iter().any(|part| name.starts_with(part)) && names::origin(name, config, reference).is_some()
+    };
+    let trunk: Vec<&Named> = ours.iter().filter(|p| in_trunk(&p.name)).collect();
     let Some(first) = trunk.iter().find(|p| !taken.contains_key(&p.name)) else { return Ok(()) };
     let name = names::origin(&first.name, config, reference).map(|origin| reference.full_name(&origin.name));
     let name = name.unwrap_or_else(|| first.name.clone());

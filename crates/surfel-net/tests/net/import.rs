@@ -5,6 +5,7 @@ use burn::tensor::Device;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
+use surfel_net::config::EpipolarConfig;
 use surfel_net::import::{ImportError, ImportReport, Reference, Source, import};
 use surfel_net::{NetConfig, Preset, SurfelNet, checkpoint};
 use surfel_torch::{Object, Tensor};
@@ -151,6 +152,20 @@ fn a_whole_mvsplat_checkpoint_becomes_the_paper_network() {
     let corrected = get("refinement.to_disparity.1.weight");
     assert!((corrected[5] * span - value(name, 5)).abs() < 1e-6);
     assert_eq!(corrected[64 * 9 + 5], value(name, 64 * 9 + 5));
+}
+
+#[test]
+fn attention_along_lines_stays_fresh() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("re10k.ckpt");
+    write_ckpt(&path, "state_dict", &mvsplat(&Widths::mvsplat()));
+    let mut config = NetConfig::preset(Preset::Paper);
+    config.transformer.as_mut().unwrap().epipolar = Some(EpipolarConfig { num_samples: 32, num_heads: 4 });
+    let (_, report) = run(&path, config).unwrap();
+    let (along, others): (Vec<_>, Vec<_>) = report.missing.iter().partition(|name| name.contains(".along."));
+    assert_eq!((along.len(), others.len()), (6 * 8, 18));
+    // Theirs of the six layers: four projections and a norm.
+    assert_eq!(report.left.len(), 6 * 6);
 }
 
 #[test]

@@ -112,6 +112,10 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
 
+    /// DINOv2 weights, for a network that adds their features (docs/dino.md).
+    #[arg(long, value_name = "FILE", requires = "weights")]
+    pub dino: Option<PathBuf>,
+
     /// Nearest depth to search, in the unit of the cameras (default: from the data).
     #[arg(long, value_name = "Z", value_parser = positive_length)]
     pub near: Option<f64>,

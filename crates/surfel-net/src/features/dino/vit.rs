@@ -138,3 +138,17 @@ impl Vit {
         map.permute([0, 2, 3, 1]).reshape([1, rows * columns, width])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Spec 2.10, without the token that only pretraining uses.
+    #[test]
+    fn the_published_models_have_their_parameters() {
+        for (model, expected) in [(DinoModel::VitS14, 22_056_576), (DinoModel::VitL14, 304_368_640)] {
+            let vit = Vit::new(model, &Device::flex());
+            assert_eq!(vit.num_params(), expected - model.width(), "{model}");
+        }
+    }
+}
