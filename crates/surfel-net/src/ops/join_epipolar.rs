@@ -1,139 +1,40 @@
-//! Joins epipolar attention to burn: one trait, a CPU implementation on Flex, the backward pass once.
+//! Epipolar attention as a kernel that burn differentiates through.
 //!
 //! Invariant: no gradient flows to cameras or depths.
 
 use super::epipolar::EpipolarLines;
 use super::epipolar_attention::{self as attention, Inputs};
-use super::join::flex;
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, Flex, TensorMetadata, backend_extension};
+use super::kernel::{Kernel, SLOTS, run};
 use burn::tensor::Tensor;
-use burn_flex::FlexTensor;
 use std::sync::Arc;
 
-/// Epipolar attention on a backend's own tensors; queries, keys, values and what depths add to keys and values.
-#[backend_extension(Flex, Autodiff)]
-pub trait EpipolarOps: Backend {
-    /// See [`attention::forward`].
-    fn epipolar(
-        query: FloatTensor<Self>,
-        key: FloatTensor<Self>,
-        value: FloatTensor<Self>,
-        depth_key: FloatTensor<Self>,
-        depth_value: FloatTensor<Self>,
-        num_heads: usize,
-        lines: Arc<EpipolarLines>,
-    ) -> FloatTensor<Self>;
-    /// See [`attention::backward`]: the gradients of the five, in order.
-    fn epipolar_backward(
-        query: FloatTensor<Self>,
-        key: FloatTensor<Self>,
-        value: FloatTensor<Self>,
-        depth_key: FloatTensor<Self>,
-        depth_value: FloatTensor<Self>,
-        grad: FloatTensor<Self>,
-        num_heads: usize,
-        lines: Arc<EpipolarLines>,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+/// What is neither query, key, value nor what depths add to keys and values; those are its inputs, in this order.
+#[derive(Debug)]
+struct Along {
+    shape: [usize; 4],
+    num_heads: usize,
+    lines: Arc<EpipolarLines>,
 }
 
-fn inputs(tensors: &[FlexTensor; 5], num_heads: usize) -> Inputs<'_> {
-    let [query, key, value, depth_key, depth_value] = tensors.each_ref().map(|tensor| tensor.storage());
-    Inputs { query, key, value, depth_key, depth_value, channels: tensors[0].shape()[3], num_heads }
-}
-
-impl EpipolarOps for Flex {
-    fn epipolar(
-        query: FloatTensor<Self>,
-        key: FloatTensor<Self>,
-        value: FloatTensor<Self>,
-        depth_key: FloatTensor<Self>,
-        depth_value: FloatTensor<Self>,
-        num_heads: usize,
-        lines: Arc<EpipolarLines>,
-    ) -> FloatTensor<Self> {
-        let tensors = [query, key, value, depth_key, depth_value].map(|tensor| tensor.to_contiguous());
-        flex(attention::forward(&inputs(&tensors, num_heads), &lines), tensors[0].shape())
-    }
-
-    fn epipolar_backward(
-        query: FloatTensor<Self>,
-        key: FloatTensor<Self>,
-        value: FloatTensor<Self>,
-        depth_key: FloatTensor<Self>,
-        depth_value: FloatTensor<Self>,
-        grad: FloatTensor<Self>,
-        num_heads: usize,
-        lines: Arc<EpipolarLines>,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        let tensors = [query, key, value, depth_key, depth_value].map(|tensor| tensor.to_contiguous());
-        let grads = attention::backward(&inputs(&tensors, num_heads), &lines, grad.to_contiguous().storage());
-        let (map, table) = (tensors[0].shape(), tensors[3].shape());
-        (
-            flex(grads.query, map.clone()),
-            flex(grads.key, map.clone()),
-            flex(grads.value, map),
-            flex(grads.depth_key, table.clone()),
-            flex(grads.depth_value, table),
-        )
+impl Along {
+    fn inputs<'a>(&self, [query, key, value, depth_key, depth_value]: [&'a [f32]; SLOTS]) -> Inputs<'a> {
+        Inputs { query, key, value, depth_key, depth_value, channels: self.shape[3], num_heads: self.num_heads }
     }
 }
 
-impl<B: Backend + EpipolarOps, C: CheckpointStrategy> EpipolarOps for Autodiff<B, C> {
-    fn epipolar(
-        query: FloatTensor<Self>,
-        key: FloatTensor<Self>,
-        value: FloatTensor<Self>,
-        depth_key: FloatTensor<Self>,
-        depth_value: FloatTensor<Self>,
-        num_heads: usize,
-        lines: Arc<EpipolarLines>,
-    ) -> FloatTensor<Self> {
-        #[derive(Debug)]
-        struct EpipolarBackward;
-        impl<B: Backend + EpipolarOps> Backward<B, 5> for EpipolarBackward {
-            type State = ([FloatTensor<B>; 5], usize, Arc<EpipolarLines>);
-            fn backward(self, ops: Ops<Self::State, 5>, grads: &mut Gradients, _: &mut Checkpointer) {
-                let grad = grads.consume::<B>(&ops.node);
-                let ([query, key, value, depth_key, depth_value], num_heads, lines) = ops.state;
-                let (query, key, value, depth_key, depth_value) =
-                    B::epipolar_backward(query, key, value, depth_key, depth_value, grad, num_heads, lines);
-                for (parent, grad) in ops.parents.into_iter().zip([query, key, value, depth_key, depth_value]) {
-                    if let Some(parent) = parent {
-                        grads.register::<B>(parent.id, grad);
-                    }
-                }
-            }
-        }
-        let [(query, q), (key, k), (value, v), (depth_key, dk), (depth_value, dv)] =
-            [query, key, value, depth_key, depth_value].map(|tensor| tensor.into_parts());
-        let run = |[query, key, value, depth_key, depth_value]: [FloatTensor<B>; 5], lines| {
-            B::epipolar(query, key, value, depth_key, depth_value, num_heads, lines)
-        };
-        let tensors = [query, key, value, depth_key, depth_value];
-        match EpipolarBackward.prepare::<C>([q, k, v, dk, dv]).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => {
-                let state = (tensors.clone(), num_heads, lines.clone());
-                prep.finish(state, run(tensors, lines))
-            }
-            OpsKind::UnTracked(prep) => prep.finish(run(tensors, lines)),
-        }
+impl Kernel for Along {
+    fn shape(&self) -> Vec<usize> {
+        self.shape.to_vec()
     }
 
-    fn epipolar_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: usize,
-        _: Arc<EpipolarLines>,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        panic!("epipolar attention has no second derivatives: a gradient of it cannot be differentiated again")
+    fn forward(&self, inputs: &[&[f32]; SLOTS]) -> Vec<f32> {
+        attention::forward(&self.inputs(*inputs), &self.lines)
+    }
+
+    fn backward(&self, inputs: &[&[f32]; SLOTS], grad: &[f32], _: [bool; SLOTS]) -> [Option<Vec<f32>>; SLOTS] {
+        // All five come of the same two passes.
+        let grads = attention::backward(&self.inputs(*inputs), &self.lines, grad);
+        [grads.query, grads.key, grads.value, grads.depth_key, grads.depth_value].map(Some)
     }
 }
 
@@ -146,8 +47,8 @@ pub fn epipolar_attention(
     num_heads: usize,
     lines: Arc<EpipolarLines>,
 ) -> Tensor<4> {
-    let [query, key, value] = [query, key, value].map(|tensor| tensor.into_dispatch());
-    let [depth_key, depth_value] = [depth_key, depth_value].map(|tensor| tensor.into_dispatch());
-    let y = <Dispatch as EpipolarOps>::epipolar(query, key, value, depth_key, depth_value, num_heads, lines);
-    Tensor::from_dispatch(y)
+    let kernel = Along { shape: query.dims(), num_heads, lines };
+    let [query, key, value] = [query, key, value].map(Tensor::into_dispatch);
+    let [depth_key, depth_value] = [depth_key, depth_value].map(Tensor::into_dispatch);
+    run([query, key, value, depth_key, depth_value], kernel)
 }

@@ -5,9 +5,9 @@
 
 use super::resample::{cubic, resampled};
 use super::{DinoModel, PATCH, Sizes};
+use crate::ops::gelu;
 use burn::module::{Module, Param};
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::activation::gelu;
 use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Device, Tensor};
