@@ -152,7 +152,7 @@ fn layer(path: &[&str]) -> (String, String) {
 }
 
 /// PyTorch's word for a kind of parameter.
-fn torch<'a>(kind: &'a str) -> &'a str {
+fn torch(kind: &str) -> &str {
     match kind {
         "gamma" => "weight",
         "beta" => "bias",
