@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Every table of docs/results.md, as Markdown on stdout; pictures and JSON go to OUT.
 #
-#   bench/results.sh SCENES ASSETS OUT [PYTHON]
+#   bench/results.sh SCENES ASSETS OUT [PYTHON] [LPIPS]
 #
 # SCENES holds the development scenes in their original formats, ASSETS the scanned objects (see `surfelsplat synth
-# --help`), PYTHON has numpy and opencv-python-headless (default python3; without OpenCV the peer's rows are left out).
+# --help`), PYTHON has numpy and opencv-python-headless (default python3; without OpenCV the peer's rows are left out),
+# LPIPS is the file of docs/lpips.md (without it that column is left out).
 # About twenty minutes on two cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,6 +13,7 @@ scenes=$1
 assets=$2
 out=$3
 python=${4:-python3}
+lpips=(${5:+--lpips "$5"})
 tool=target/release/surfelsplat
 mkdir -p "$out"
 cargo build --release --quiet
@@ -30,7 +32,7 @@ for method in matching network; do
     result=$out/scenes/dtu_23_24.$method
     "$tool" --quiet eval dtu "$result" --scenes "$scenes/dtu_scan24" --scan 24 -o "$out/dtu.$method" |
         section "DTU protocol, one scan, $method"
-    "$tool" --quiet eval nvs "$scenes/dtu_scan24" "$result" --targets 22,31,33 --size 320x256 -o "$out/nvs.$method" |
+    "$tool" --quiet eval nvs "$scenes/dtu_scan24" "$result" --targets 22,31,33 --size 320x256 "${lpips[@]}" -o "$out/nvs.$method" |
         section "New views, $method"
     "$tool" --quiet eval nyquist "$scenes/dtu_scan24" --views 23,24 --method "$method" -o "$out/nyquist.$method" |
         section "Nyquist criterion, $method"
