@@ -40,9 +40,10 @@ mod tests {
 
     fn sample() -> Sample {
         let kind = SourceKind::Analytic;
-        let (pair_angle_deg, defects) = ([6.0, 20.0], 1.0);
+        let (pair_angle_deg, defects, sharpening) = ([6.0, 20.0], 1.0, [0.0, 0.0]);
         let (seed, width, height, num_views, room_share) = (1, 40, 32, 2, 0.0);
-        let config = SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects };
+        let config =
+            SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects, sharpening };
         Source::open(&config, Split::Train, None).unwrap().sample(0).unwrap()
     }
 

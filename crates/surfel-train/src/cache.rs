@@ -171,9 +171,10 @@ mod tests {
     #[test]
     fn a_cached_sample_is_the_sample() {
         let kind = SourceKind::Analytic;
-        let (pair_angle_deg, defects) = ([6.0, 20.0], 1.0);
+        let (pair_angle_deg, defects, sharpening) = ([6.0, 20.0], 1.0, [0.0, 0.0]);
         let (seed, width, height, num_views, room_share) = (3, 48, 32, 2, 0.0);
-        let config = SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects };
+        let config =
+            SourceConfig { kind, seed, width, height, num_views, room_share, pair_angle_deg, defects, sharpening };
         let open = || Source::open(&config, Split::Train, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();

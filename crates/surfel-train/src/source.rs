@@ -41,6 +41,9 @@ pub struct SourceConfig {
     /// How bad the cameras around scans are: factor of noise, changes of exposure and share of JPEG; 0 = flawless.
     #[serde(default = "usual_defects")]
     pub defects: f64,
+    /// Sharpening by the cameras around scans, least and most.
+    #[serde(default)]
+    pub sharpening: [f64; 2],
 }
 
 fn usual_angles() -> [f64; 2] {
@@ -54,11 +57,23 @@ fn usual_defects() -> f64 {
 impl SourceConfig {
     /// What tells its samples from those of other settings, as the name of a folder.
     pub(crate) fn folder_name(&self, side: &str) -> String {
-        let Self { kind, seed, width, height, num_views, room_share, pair_angle_deg: [least, most], defects } = self;
+        let Self {
+            kind,
+            seed,
+            width,
+            height,
+            num_views,
+            room_share,
+            pair_angle_deg: [least, most],
+            defects,
+            sharpening,
+        } = self;
         let kind = if *kind == SourceKind::Scans { "scans" } else { "analytic" };
         let [rooms, defects] = [room_share, defects].map(|share| (100.0 * share).round());
+        let [dull, sharp] = sharpening.map(|amount| (100.0 * amount).round());
+        let sharpening = if sharp > 0.0 { format!("-{dull}to{sharp}sharp") } else { String::new() };
         format!(
-            "{side}-{kind}-{width}x{height}-{num_views}views-{rooms}rooms-{least}to{most}deg-{defects}defects-seed{seed}"
+            "{side}-{kind}-{width}x{height}-{num_views}views-{rooms}rooms-{least}to{most}deg-{defects}defects{sharpening}-seed{seed}"
         )
     }
 }
@@ -111,6 +126,7 @@ impl Source {
                     pair_angle_deg: config.pair_angle_deg,
                     exposure_stops: config.defects * usual.exposure_stops,
                     noise: config.defects * usual.noise,
+                    sharpening: config.sharpening,
                     jpeg: ((config.defects * usual.jpeg.0).min(1.0), usual.jpeg.1),
                     ..usual
                 };

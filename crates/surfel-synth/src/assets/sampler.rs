@@ -45,6 +45,8 @@ pub struct SynthConfig {
     pub exposure_stops: f64,
     /// Largest read noise, linear units; shot noise goes with it.
     pub noise: f64,
+    /// Sharpening by the camera, least and most; all views of a scene have the same.
+    pub sharpening: [f64; 2],
     /// Share of views stored as JPEG, and the least quality.
     pub jpeg: (f64, u8),
 }
@@ -64,6 +66,7 @@ impl Default for SynthConfig {
             random_texture_share: 1.0 / 3.0,
             exposure_stops: 0.25,
             noise: 0.006,
+            sharpening: [0.0, 0.0],
             jpeg: (0.5, 70),
         }
     }
@@ -85,6 +88,9 @@ impl SynthConfig {
         }
     }
 }
+
+/// Names the stream of chance that sharpening is drawn from; streams of sensors are numbered from 1.
+const SHARPENING_STREAM: u64 = u64::MAX;
 
 /// What a kind of scene decides before light is measured.
 pub(super) struct Draft {
@@ -140,11 +146,15 @@ impl<'a> SceneSampler<'a> {
         }
         let exposure = exposure(&stage, &cameras[0]);
         stage.backdrop = stage.backdrop.dimmed(1.0 / exposure);
-        let sensors = (0..cameras.len()).map(|i| self.sensor(exposure, Random::fork(seed, i as u64 + 1))).collect();
+        let [least, most] = self.config.sharpening;
+        // A stream of its own, so that scenes without sharpening stay what they were.
+        let sharpening = Random::fork(seed, SHARPENING_STREAM).range(least, most) as f32;
+        let sensor = |i: usize| self.sensor(exposure, sharpening, Random::fork(seed, i as u64 + 1));
+        let sensors = (0..cameras.len()).map(sensor).collect();
         Ok(SynthScene { stage, cameras, sensors })
     }
 
-    fn sensor(&self, exposure: f32, mut random: Random) -> Sensor {
+    fn sensor(&self, exposure: f32, sharpening: f32, mut random: Random) -> Sensor {
         let config = &self.config;
         let stops = random.range(-1.0, 1.0) * config.exposure_stops;
         let tint = |random: &mut Random| 1.0 + (0.1 * config.exposure_stops * random.normal()) as f32;
@@ -157,6 +167,7 @@ impl<'a> SceneSampler<'a> {
             read_noise,
             shot_noise: 0.05 * read_noise,
             vignetting: if config.exposure_stops > 0.0 { random.range(0.0, 0.15) as f32 } else { 0.0 },
+            sharpening,
             jpeg_quality,
             seed: random.bits(),
         }

@@ -1,4 +1,4 @@
-//! From linear light to the file a camera writes: exposure, noise, sRGB, eight bits, JPEG.
+//! From linear light to the file a camera writes: exposure, sharpening, noise, sRGB, eight bits, JPEG.
 //!
 //! Invariant: touches colours only; the same sensor and seed give the same picture.
 
@@ -18,6 +18,8 @@ pub struct Sensor {
     pub shot_noise: f32,
     /// Light lost in the corners, 0 to 1.
     pub vignetting: f32,
+    /// How far the picture is pushed away from its 3 x 3 mean, as a camera's processor does; 0 = as it was.
+    pub sharpening: f32,
     /// Quality of the JPEG file, 1 to 100; `None` for a lossless one.
     pub jpeg_quality: Option<u8>,
     /// Names the noise.
@@ -26,7 +28,15 @@ pub struct Sensor {
 
 impl Default for Sensor {
     fn default() -> Self {
-        Self { gain: Vec3::ONE, read_noise: 0.0, shot_noise: 0.0, vignetting: 0.0, jpeg_quality: None, seed: 0 }
+        Self {
+            gain: Vec3::ONE,
+            read_noise: 0.0,
+            shot_noise: 0.0,
+            vignetting: 0.0,
+            sharpening: 0.0,
+            jpeg_quality: None,
+            seed: 0,
+        }
     }
 }
 
@@ -34,6 +44,8 @@ impl Sensor {
     /// sRGB values in \[0, 1\] (multiples of 1/255) of linear light.
     pub fn record(&self, light: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
         let (width, height) = (light.width(), light.height());
+        let sharpened = (self.sharpening > 0.0).then(|| sharpened(light, self.sharpening));
+        let light = sharpened.as_ref().unwrap_or(light);
         let mut random = Random::new(self.seed);
         let half_diagonal_sq = 0.25 * (width * width + height * height) as f32;
         let mut bytes = Vec::with_capacity(3 * light.len());
@@ -55,6 +67,22 @@ impl Sensor {
         let pixels = bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
         Grid::from_vec(width, height, pixels)
     }
+}
+
+/// `light` and `amount` times its difference from the mean of its 3 x 3 neighbourhood; light is never negative.
+fn sharpened(light: &Grid<[f32; 3]>, amount: f32) -> Grid<[f32; 3]> {
+    let (width, height) = (light.width(), light.height());
+    Grid::from_fn(width, height, |x, y| {
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let around = (y.saturating_sub(1)..(y + 2).min(height)).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for at in around {
+            sum += Vec3::from(light[at]);
+            count += 1.0;
+        }
+        let here = Vec3::from(light[(x, y)]);
+        (here + amount * (here - sum / count)).max(Vec3::ZERO).to_array()
+    })
 }
 
 /// Encodes and decodes; the picture as it was when the codec cannot take its size.
@@ -81,6 +109,14 @@ mod tests {
         for (a, b) in ramp().as_slice().iter().zip(recorded.as_slice()) {
             assert!((0..3).all(|c| (srgb_from_linear(a[c]) - b[c]).abs() <= 0.5 / 255.0 + 1e-6));
         }
+    }
+
+    #[test]
+    fn sharpening_steepens_an_edge_and_leaves_flat_light_alone() {
+        let edge = Grid::from_fn(16, 8, |x, _| [if x < 8 { 0.2 } else { 0.6 }; 3]);
+        let sharp = sharpened(&edge, 0.5);
+        assert_eq!(sharp[(2, 4)], edge[(2, 4)]);
+        assert!(sharp[(7, 4)][0] < 0.19 && sharp[(8, 4)][0] > 0.61, "{:?} {:?}", sharp[(7, 4)], sharp[(8, 4)]);
     }
 
     #[test]
