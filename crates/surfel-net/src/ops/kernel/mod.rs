@@ -1,7 +1,10 @@
 //! The frame that joins a kernel on plain slices to burn, written once for all kernels.
 //!
 //! A kernel says what it computes and its gradients; this file moves tensors in and out and registers the backward
-//! pass. Invariant: only the gradients that someone asks for are computed, and none of them again.
+//! pass. On a graphics card (`cube.rs`) tensors come to the CPU and go back. Invariant: only the gradients that someone asks for are computed, and none of them again.
+
+#[cfg(any(feature = "cuda", feature = "wgpu"))]
+mod cube;
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -28,7 +31,7 @@ pub trait Kernel: Debug + Send + Sync + 'static {
 }
 
 /// Kernels on a backend's own tensors.
-#[backend_extension(Flex, Autodiff)]
+#[backend_extension(Flex, Cube: cfg(any(feature = "cuda", feature = "wgpu")), Autodiff)]
 pub trait KernelOps: Backend {
     /// See [`Kernel::forward`].
     fn kernel(
@@ -52,7 +55,7 @@ pub trait KernelOps: Backend {
     ) -> Vec<Option<FloatTensor<Self>>>;
 }
 
-/// True where our kernels run: on burn's Flex backend, differentiated or not.
+/// True where our kernels are the fastest way: on burn's Flex backend, differentiated or not.
 pub(super) fn runs_on(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Flex(_))
 }
@@ -135,9 +138,9 @@ impl<B: Backend + KernelOps, C: CheckpointStrategy> KernelOps for Autodiff<B, C>
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
         _: [bool; SLOTS],
-        kernel: Arc<dyn Kernel>,
+        _: Arc<dyn Kernel>,
     ) -> Vec<Option<FloatTensor<Self>>> {
-        panic!("{kernel:?} has no second derivatives: a gradient of it cannot be differentiated again")
+        panic!("our operators have no second derivatives: their gradients cannot be differentiated again")
     }
 }
 

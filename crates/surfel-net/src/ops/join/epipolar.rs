@@ -2,9 +2,9 @@
 //!
 //! Invariant: no gradient flows to cameras or depths.
 
-use super::epipolar::EpipolarLines;
-use super::epipolar_attention::{self as attention, Inputs};
-use super::kernel::{Kernel, SLOTS, run};
+use crate::ops::epipolar::EpipolarLines;
+use crate::ops::epipolar_attention::{self as attention, Inputs};
+use crate::ops::kernel::{Kernel, SLOTS, run};
 use burn::tensor::Tensor;
 use std::sync::Arc;
 
