@@ -13,6 +13,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod cost_volume;
 mod depth;
+pub mod device;
 mod features;
 mod head;
 pub mod import;

@@ -128,6 +128,12 @@ impl SurfelNet {
         Ok(self)
     }
 
+    /// Where its weights are.
+    pub fn device(&self) -> Device {
+        // Every network has weights, and all of them in one place.
+        self.devices().into_iter().next().unwrap_or_default()
+    }
+
     /// The settings it was built with.
     pub fn config(&self) -> &NetConfig {
         &self.config

@@ -4,7 +4,6 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
-use burn::tensor::Device;
 use std::path::Path;
 use surfel_core::Grid;
 use surfel_core::normals::normal_from_rotation;
@@ -30,7 +29,7 @@ struct Panels {
 /// # Errors
 /// When the network refuses the sample or the file cannot be written.
 pub(crate) fn write(net: &SurfelNet, sample: &Sample, path: &Path) -> Result<(), TrainError> {
-    let prediction = net.forward(&sample.input(), &Device::flex())?;
+    let prediction = net.forward(&sample.input(), &net.device())?;
     let (depth, confidence) = (values(prediction.maps.depth), values(prediction.maps.confidence));
     let surfels = prediction.surfels.to_surfels();
     let (width, height) = sample.size();

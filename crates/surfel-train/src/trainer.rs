@@ -67,6 +67,8 @@ pub struct Places<'a> {
     pub initial: Option<&'a Path>,
     /// Weights of LPIPS; without them the perceptual term is `1 - SSIM`.
     pub lpips: Option<&'a Path>,
+    /// Where the network computes; the CPU by default. Samples are always made on the CPU.
+    pub device: Option<&'a Device>,
 }
 
 /// A run.
@@ -89,10 +91,10 @@ impl Trainer {
     pub fn new(
         config: TrainConfig,
         folder: &Path,
-        Places { assets, cache, initial, lpips }: Places,
+        Places { assets, cache, initial, lpips, device }: Places,
     ) -> Result<Self, TrainError> {
         std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
-        let device = Device::flex().autodiff();
+        let device = device.cloned().unwrap_or_else(Device::flex).autodiff();
         let network = config.network().map_err(|reason| TrainError::Config { path: folder.to_path_buf(), reason })?;
         let mut net = fresh(network, config.seed, &device)?;
         let path = folder.join(CHECKPOINT);
@@ -272,16 +274,20 @@ impl Trainer {
     pub fn validate(&self) -> Result<Validation, TrainError> {
         use burn::module::Module as _;
         let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
-        validate(&self.kept_net().valid(), samples, &Device::flex())
+        validate(&self.kept_net().valid(), samples)
     }
 }
 
-/// The network that a seed names. All of a process draw from one generator, hence one after the other.
+/// The network that a seed names, whatever the device: drawn on the CPU. All of a process draw from one generator,
+/// hence one after the other.
 fn fresh(config: NetConfig, seed: u64, device: &Device) -> Result<SurfelNet, TrainError> {
+    use burn::module::Module as _;
     static DRAWING: Mutex<()> = Mutex::new(());
     let _one_at_a_time = DRAWING.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    device.seed(seed);
-    Ok(SurfelNet::new(config, device)?)
+    let cpu = Device::flex().autodiff();
+    cpu.seed(seed);
+    let net = SurfelNet::new(config, &cpu)?;
+    Ok(if *device == cpu { net } else { net.fork(device) })
 }
 
 /// The checkpoint in a run's folder.

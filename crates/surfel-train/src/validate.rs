@@ -4,7 +4,6 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
-use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
 use surfel_core::normals::{normal_from_gradient, normal_from_rotation};
@@ -85,12 +84,11 @@ impl Tally {
 pub fn validate(
     net: &SurfelNet,
     samples: impl Iterator<Item = Result<Sample, TrainError>>,
-    device: &Device,
 ) -> Result<Validation, TrainError> {
     let mut tallies: [Tally; 4] = Default::default();
     for sample in samples {
         let sample = sample?;
-        let prediction = net.forward(&sample.input(), device)?;
+        let prediction = net.forward(&sample.input(), &net.device())?;
         let depth = values(prediction.maps.depth);
         let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;

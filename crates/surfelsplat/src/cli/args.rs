@@ -1,5 +1,6 @@
 //! What can be typed. Each flag's text is its documentation; values are checked here, files are not opened.
 
+use super::device::{DeviceArg, DeviceArgs};
 use super::eval::EvalCommand;
 use super::synth::SynthCommand;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -36,6 +37,8 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Train a network, or go on training it.
     Train(TrainArgs),
+    /// Check and time the network's operators on a device against the CPU.
+    Device(DeviceArgs),
     /// Score results against references; the paper's experiments.
     Eval {
         #[command(subcommand)]
@@ -116,6 +119,9 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "FILE", requires = "weights")]
     pub dino: Option<PathBuf>,
 
+    #[command(flatten)]
+    pub device: DeviceArg,
+
     /// Nearest depth to search, in the unit of the cameras (default: from the data).
     #[arg(long, value_name = "Z", value_parser = positive_length)]
     pub near: Option<f64>,
@@ -175,6 +181,9 @@ pub struct TrainArgs {
     /// Weights of LPIPS for the perceptual term (default: `1 - SSIM` instead; docs/lpips.md says how to make them).
     #[arg(long, value_name = "FILE")]
     pub lpips: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub device: DeviceArg,
 
     /// Stop after this many steps (default: those of the configuration).
     #[arg(long, value_name = "N")]

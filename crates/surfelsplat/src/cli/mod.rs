@@ -4,6 +4,7 @@
 
 mod args;
 mod console;
+mod device;
 mod eval;
 mod inspect;
 mod method_args;
@@ -30,6 +31,7 @@ pub fn run() -> ExitCode {
     let result = match cli.command {
         Command::Reconstruct(ref args) => reconstruct::run(args, cli.json, cli.quiet),
         Command::Inspect(ref args) => inspect::run(args, cli.json, cli.quiet),
+        Command::Device(ref args) => device::run(args, cli.json, cli.quiet),
         Command::Train(ref args) => train::run(args, cli.json, cli.quiet),
         Command::Eval { ref command } => eval::run(command, cli.json, cli.quiet),
         Command::Synth { ref command } => synth::run(command, cli.json, cli.quiet),

@@ -13,7 +13,10 @@ use surfelsplat::reconstruct::{DepthSource, Options, Report, reconstruct};
 pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> {
     let depth = match args.depth {
         DepthMethod::Matching => DepthSource::Matching,
-        DepthMethod::Network => DepthSource::Network(Arc::new(network(args.weights.as_deref(), args.dino.as_deref())?)),
+        DepthMethod::Network => {
+            let device = args.device.open()?;
+            DepthSource::Network(Arc::new(network(args.weights.as_deref(), args.dino.as_deref(), &device)?))
+        }
     };
     let options = Options {
         views: args.views.clone(),
@@ -42,14 +45,13 @@ pub fn run(args: &ReconstructArgs, json: bool, quiet: bool) -> Result<ExitCode> 
 }
 
 /// The network of a weights file, or the one that ships.
-fn network(weights: Option<&Path>, dino: Option<&Path>) -> Result<SurfelNet> {
-    let device = Device::flex();
+fn network(weights: Option<&Path>, dino: Option<&Path>, device: &Device) -> Result<SurfelNet> {
     let net = match weights {
-        Some(path) => SurfelNet::from_file(path, &device)?,
-        None => SurfelNet::shipped(&device)?,
+        Some(path) => SurfelNet::from_file(path, device)?,
+        None => SurfelNet::shipped(device)?,
     };
     Ok(match dino {
-        Some(file) => net.with_dino(file, &device)?,
+        Some(file) => net.with_dino(file, device)?,
         None => net,
     })
 }

@@ -11,11 +11,13 @@ use surfel_train::{Places, TrainConfig, Trainer, Watcher};
 pub fn run(args: &TrainArgs, json: bool, quiet: bool) -> Result<ExitCode> {
     let config = TrainConfig::from_file(&args.config)?;
     let steps = args.steps.unwrap_or(config.steps);
+    let device = args.device.open()?;
     let places = Places {
         assets: args.assets.as_deref(),
         cache: args.cache.as_deref(),
         initial: args.initial.as_deref(),
         lpips: args.lpips.as_deref(),
+        device: Some(&device),
     };
     let mut trainer = Trainer::new(config, &args.output, places)?;
     let console = Console { quiet: quiet || json };

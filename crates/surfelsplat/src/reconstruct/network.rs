@@ -4,7 +4,6 @@
 //! pixel outside the photograph's mask has neither depth nor surfel.
 
 use super::error::ReconstructError;
-use burn::tensor::Device;
 use surfel_core::normals::normal_from_rotation;
 use surfel_core::{Camera, Grid, Surfels, View};
 use surfel_net::{DepthRange, SceneInput, Seed, SurfelNet, values};
@@ -39,7 +38,7 @@ pub fn refine(
     estimates: &[DepthEstimate],
     ranges: &[(f64, f64)],
 ) -> Result<Learned, ReconstructError> {
-    let device = Device::flex();
+    let device = net.device();
     let images: Vec<Grid<[f32; 3]>> = views.iter().map(|view| view.image.clone()).collect();
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
     let ranges: Vec<DepthRange> = ranges.iter().map(|&(near, far)| DepthRange { near, far }).collect();

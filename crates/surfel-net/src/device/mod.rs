@@ -1,0 +1,134 @@
+//! Where the network computes: the CPU, or a graphics card if this build knows it.
+//!
+//! `named` turns a name of the command line into a device that has been tried; `check` compares every kind of
+//! operator there with the CPU. Invariant: a device that `named` returns has computed something.
+
+mod cases;
+mod check;
+
+pub use check::{Check, check};
+
+use burn::tensor::{Device, Tensor};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Why a device cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeviceError {
+    /// No such name.
+    #[error("device {0}: there is cpu, cuda (cuda:1 for the second card), vulkan and wgpu")]
+    Unknown(String),
+    /// The build lacks it.
+    #[error("device {name}: this build does not know it; build with `--features {feature}`")]
+    NotBuilt {
+        /// As asked for.
+        name: String,
+        /// Of the crate `surfelsplat`.
+        feature: &'static str,
+    },
+    /// It does not work here.
+    #[error("device {name} does not work here ({reason}); --device cpu does")]
+    Unusable {
+        /// As asked for.
+        name: String,
+        /// In the words of its driver.
+        reason: String,
+    },
+}
+
+/// The device of that name: `cpu`, `cuda`, `cuda:N`, `vulkan` or `wgpu`.
+///
+/// # Errors
+/// [`DeviceError`] for other names, for devices this build does not know, and for those that do not answer.
+pub fn named(name: &str) -> Result<Device, DeviceError> {
+    let unknown = || DeviceError::Unknown(name.to_owned());
+    let (kind, number) = match name.split_once(':') {
+        Some((kind, number)) => (kind, Some(number.parse::<usize>().map_err(|_| unknown())?)),
+        None => (name, None),
+    };
+    let open = || match (kind, number) {
+        ("cpu", None) => Ok(Device::flex()),
+        ("cuda", number) => cuda(name, number.unwrap_or(0)),
+        ("vulkan", None) => vulkan(name),
+        ("wgpu", None) => wgpu(name),
+        _ => Err(unknown()),
+    };
+    tried(name, open)
+}
+
+#[cfg(feature = "cuda")]
+fn cuda(_: &str, number: usize) -> Result<Device, DeviceError> {
+    Ok(Device::cuda(number))
+}
+
+#[cfg(not(feature = "cuda"))]
+fn cuda(name: &str, _: usize) -> Result<Device, DeviceError> {
+    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "cuda" })
+}
+
+#[cfg(feature = "vulkan")]
+fn vulkan(_: &str) -> Result<Device, DeviceError> {
+    Ok(Device::vulkan(burn::tensor::DeviceKind::DefaultDevice))
+}
+
+#[cfg(not(feature = "vulkan"))]
+fn vulkan(name: &str) -> Result<Device, DeviceError> {
+    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "vulkan" })
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu(_: &str) -> Result<Device, DeviceError> {
+    Ok(Device::wgpu(burn::tensor::DeviceKind::DefaultDevice))
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn wgpu(name: &str) -> Result<Device, DeviceError> {
+    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "wgpu" })
+}
+
+/// Opens a device and adds two numbers there. Drivers that are missing make burn panic, hence the catching.
+fn tried(name: &str, open: impl FnOnce() -> Result<Device, DeviceError>) -> Result<Device, DeviceError> {
+    let addition = || {
+        let device = open()?;
+        let two = Tensor::<1>::ones([1], &device) + 1.0;
+        Ok((two.into_scalar::<f32>() == 2.0, device))
+    };
+    // What a failing driver says belongs into our sentence, not between the lines of the console.
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let outcome = catch_unwind(AssertUnwindSafe(addition));
+    std::panic::set_hook(hook);
+    let unusable = |reason: String| DeviceError::Unusable { name: name.to_owned(), reason };
+    match outcome {
+        Ok(Ok((true, device))) => Ok(device),
+        Ok(Ok((false, _))) => Err(unusable("it says that 1 + 1 is not 2".to_owned())),
+        Ok(Err(error)) => Err(error),
+        Err(panic) => Err(unusable(words(&*panic))),
+    }
+}
+
+/// The first line of a panic's message.
+fn words(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+    text.and_then(|text| text.lines().next()).unwrap_or("it gave no reason").to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_to_devices_or_to_a_sentence() {
+        assert_eq!(named("cpu").unwrap(), Device::flex());
+        for name in ["gpu", "cuda:one", "cpu:1", ""] {
+            assert_eq!(named(name).unwrap_err(), DeviceError::Unknown(name.to_owned()));
+        }
+        #[cfg(not(feature = "cuda"))]
+        assert!(named("cuda:1").unwrap_err().to_string().contains("--features cuda"));
+    }
+
+    #[test]
+    fn a_device_that_breaks_says_why() {
+        let error = tried("broken", || panic!("no driver\nbacktrace")).unwrap_err();
+        assert_eq!(error, DeviceError::Unusable { name: "broken".to_owned(), reason: "no driver".to_owned() });
+    }
+}
