@@ -124,6 +124,11 @@ impl FeatureExtractor {
         Ok(Self { trunk: Trunk::load(&TensorFile::parse(name, bytes)?)? })
     }
 
+    /// Multiplications with addition that [`Self::extract`] takes for an image of this width and height.
+    pub fn multiply_adds(&self, (width, height): (usize, usize), stages: &[Stage]) -> u64 {
+        self.trunk.multiply_adds(width, height, stages)
+    }
+
     /// The feature maps of an sRGB image in \[0, 1\], one per entry of `stages` and in that order.
     ///
     /// Any size: the image is padded to a multiple of 16 by repeating its last column and row, so a

@@ -41,6 +41,11 @@ pub(crate) struct Pointwise {
 }
 
 impl Pointwise {
+    /// Weights, bias aside.
+    pub(crate) fn num_weights(&self) -> u64 {
+        (self.num_inputs * self.num_outputs) as u64
+    }
+
     /// From weights `[num_outputs, num_inputs]` row-major and one bias per output.
     pub(crate) fn new(weights: &[f32], bias: &[f32], num_inputs: usize) -> Self {
         let num_outputs = bias.len();

@@ -74,6 +74,23 @@ impl Trunk {
         Ok(Self { stem, blocks })
     }
 
+    /// Multiplications with addition of [`Self::run`].
+    pub(super) fn multiply_adds(&self, width: usize, height: usize, stages: &[Stage]) -> u64 {
+        let Some(last) = stages.iter().map(|&s| last_block(s)).max() else {
+            return 0;
+        };
+        // The stem halves the padded image; each block works at the size it leaves.
+        let mut pixels = (width.next_multiple_of(PADDED_TO) * height.next_multiple_of(PADDED_TO) / 4) as u64;
+        let mut sum = pixels * (STEM_CHANNELS * 3 * 9) as u64;
+        for block in &self.blocks[..=last] {
+            let expanded = block.expand.as_ref().map_or(0, |expand| pixels * expand.num_weights());
+            pixels /= (block.depthwise.stride * block.depthwise.stride) as u64;
+            let taps = block.depthwise.channels * block.depthwise.kernel * block.depthwise.kernel;
+            sum += expanded + pixels * (taps as u64 + block.project.num_weights());
+        }
+        sum
+    }
+
     /// Each asked stage once, at the padded size.
     pub(super) fn run(&self, image: &Grid<[f32; 3]>, stages: &[Stage]) -> Vec<(Stage, FeatureMap)> {
         let Some(last) = stages.iter().map(|&s| last_block(s)).max() else {

@@ -76,6 +76,7 @@ fn main() {
     println!("the same, forward and backward: {training:.0} ms");
     print_peak_memory();
     print_peer(whole, training);
+    print_narrow(&SceneInput { seeds: &[], ..scene });
 
     let (width, height, channels, candidates) = (WIDTH / 4, HEIGHT / 4, 64, 64);
     let features = Tensor::<4>::random([2, channels, height, width], Distribution::Default, &device);
@@ -109,6 +110,17 @@ fn main() {
     });
     println!("plane sweep, {candidates} candidates of {channels} channels: {ours:.1} ms");
     println!("the same from burn's grid sampling: {burn:.1} ms, {:.1} times ours", burn / ours);
+}
+
+/// The network that has its own cost volume, matching's work included.
+fn print_narrow(scene: &SceneInput) {
+    let device = Device::flex();
+    let net = SurfelNet::new(NetConfig::preset(Preset::Narrow), &device).expect("the shipped features load");
+    let ms = best_ms(3, || {
+        let prediction = net.forward(scene, &device).expect("the scene is usable");
+        std::hint::black_box(prediction.surfels.to_surfels());
+    });
+    println!("narrow network, {:?}: {ms:.0} ms", net.parts());
 }
 
 fn training_ms(scene: &SceneInput) -> f64 {

@@ -252,8 +252,10 @@ pub enum ConfigError {
 pub enum Preset {
     /// As the paper describes it; heavy.
     Paper,
-    /// Narrow, on pretrained features: the one for two CPU cores.
+    /// The one that ships: matching's depth, refined on pretrained features; for two CPU cores.
     Small,
+    /// The paper's graph, narrow and on pretrained features: finds depth by its own cost volume. No weights ship.
+    Narrow,
     /// For tests.
     Tiny,
 }
@@ -264,6 +266,7 @@ impl NetConfig {
         let text = match preset {
             Preset::Paper => include_str!("../presets/paper.toml"),
             Preset::Small => include_str!("../presets/small.toml"),
+            Preset::Narrow => include_str!("../presets/narrow.toml"),
             Preset::Tiny => include_str!("../presets/tiny.toml"),
         };
         Self::from_toml(text).expect("a test parses every preset")

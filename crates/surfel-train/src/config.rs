@@ -108,6 +108,7 @@ impl TrainConfig {
         match self.network.as_str() {
             "paper" => Ok(NetConfig::preset(Preset::Paper)),
             "small" => Ok(NetConfig::preset(Preset::Small)),
+            "narrow" => Ok(NetConfig::preset(Preset::Narrow)),
             "tiny" => Ok(NetConfig::preset(Preset::Tiny)),
             text => NetConfig::from_toml(text).map_err(|error| format!("network: {error}")),
         }

@@ -4,10 +4,11 @@
 //! surfels start as the initial ones.
 
 use crate::config::AggregationConfig;
+use crate::layers::Linear;
 use crate::ops::gather_attention::Regions;
 use crate::ops::{gather_attention, gelu};
 use burn::module::Module;
-use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
+use burn::nn::{LayerNorm, LayerNormConfig};
 use burn::tensor::{Device, Tensor};
 use std::sync::Arc;
 
@@ -28,9 +29,8 @@ pub(crate) struct Aggregation {
 
 impl Aggregation {
     pub(crate) fn new(feature_channels: usize, config: &AggregationConfig, device: &Device) -> Self {
-        let linear = |inputs, outputs| LinearConfig::new(inputs, outputs).init(device);
-        let zero =
-            |inputs, outputs| LinearConfig::new(inputs, outputs).with_initializer(Initializer::Zeros).init(device);
+        let linear = |inputs, outputs| Linear::new(inputs, outputs, device);
+        let zero = |inputs, outputs| Linear::zeros(inputs, outputs, device);
         let norm = || LayerNormConfig::new(feature_channels).init(device);
         let hidden = feature_channels * config.expansion;
         Self {

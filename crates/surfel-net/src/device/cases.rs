@@ -3,22 +3,18 @@
 //! Sizes follow from those of a pair of photographs. Invariant: a question is a function of its sizes alone.
 
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
+use crate::example_scene::{ExampleScene, cameras};
 use crate::head::{SurfelTensors, values};
-use crate::input::SceneInput;
 use crate::model::SurfelNet;
 use crate::ops::gather_attention::{Regions, Window};
 use crate::ops::plane_sweep::Base;
 use crate::ops::propagate::Proposals;
 use crate::ops::{self, Activation};
-use crate::seed::Seed;
 use burn::module::Module;
 use burn::nn::GroupNormConfig;
-use burn::tensor::module::{attention, linear};
-use burn::tensor::ops::AttentionModuleOptions;
+use burn::tensor::module::linear;
 use burn::tensor::{Device, Tensor, TensorData};
-use glam::{DQuat, DVec3};
 use std::sync::Arc;
-use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 
 /// Channels of the maps and tokens.
 const CHANNELS: usize = 64;
@@ -108,7 +104,7 @@ fn self_attention(tokens: usize) -> Case {
     let dim = CHANNELS / HEADS;
     differentiated("attention", vec![2 * CHANNELS * tokens; 3], move |inputs| {
         let [q, k, v] = [0, 1, 2].map(|i| inputs[i].clone().reshape([2, HEADS, tokens, dim]));
-        attention(q, k, v, None, None, AttentionModuleOptions::default()).flatten(0, 3)
+        ops::attention(q, k, v, None).flatten(0, 3)
     })
 }
 
@@ -178,35 +174,11 @@ fn rendering(width: usize, height: usize) -> Case {
 /// The encoder's maps by the weights that ship; without gradients, because a choice between planes that two devices
 /// see as equal may fall differently and send the gradient elsewhere.
 fn shipped_network(width: usize, height: usize) -> Case {
-    let image = |v: usize| {
-        Grid::from_fn(width, height, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
-    };
-    let map = |value| Grid::filled(width, height, value);
-    let planes = Grid::from_fn(width, height, |x, y| [0.4 + 2e-4 * x as f32 + 1e-4 * y as f32, 2e-4, 1e-4]);
-    let evidence = planes.map(|[w, ..]| [w + 1e-3, 1.0]);
-    let seed = Seed { planes, evidence, correlation: map(0.8), confidence: map(0.9), step: 5e-3 };
-    let (images, seeds) = ([0, 1].map(image), [seed.clone(), seed]);
-    let (cameras, ranges) = (cameras(width, height), [DepthRange { near: 1.0, far: 5.0 }; 2]);
+    let scene = ExampleScene::new(width, height);
     let compute = move |device: &Device| {
         let net = SurfelNet::shipped(&Device::flex()).expect("the shipped weights load").to_device(device);
-        let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
-        let maps = net.forward_maps(&scene, device).expect("the scene is usable");
+        let maps = net.forward_maps(&scene.input(true), device).expect("the scene is usable");
         vec![values(maps.depth), values(maps.confidence)]
     };
     Case { name: "shipped network", tolerance: DEEP_ROUNDING, compute: Box::new(compute) }
-}
-
-/// Two cameras that look at the same things, three units away.
-fn cameras(width: usize, height: usize) -> Vec<Camera> {
-    let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
-    let camera = |v: usize| Camera {
-        intrinsics: Intrinsics { fx: 1.1 * width as f64, fy: 1.1 * width as f64, cx, cy },
-        width,
-        height,
-        camera_from_world: Rigid::from_quat(
-            DQuat::from_rotation_y(0.1 * v as f64),
-            DVec3::new(-0.4, 0.0, 0.0) * v as f64,
-        ),
-    };
-    vec![camera(0), camera(1)]
 }

@@ -4,7 +4,7 @@
 //! own centres lie at `4 i + 3`; it is therefore run on images moved by three pixels.
 
 use crate::layers::{Conv2d, conv1x1, conv3x3, upsample};
-use crate::ops::gelu;
+use crate::ops::{count, gelu};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use surfel_core::Grid;
@@ -33,6 +33,7 @@ impl Pyramid {
     pub(crate) fn forward(&self, trunk: &FeatureExtractor, images: &[Grid<[f32; 3]>], device: &Device) -> Tensor<4> {
         let maps: Vec<Vec<FeatureMap>> = images.iter().map(|image| trunk.extract(&moved(image), &STAGES)).collect();
         let (width, height) = (images[0].width(), images[0].height());
+        count::tell(images.len() as u64 * trunk.multiply_adds((width + SHIFT, height + SHIFT), &STAGES));
         self.merged(std::array::from_fn(|i| {
             let stride = STAGES[i].stride();
             let stage = maps.iter().map(|maps| to_tensor(&maps[i], width / stride, height / stride, device)).collect();

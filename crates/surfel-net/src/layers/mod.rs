@@ -3,8 +3,10 @@
 //! Invariant: [`upsample`] keeps positions: pixel `i` of a map with stride `s` stays over input pixel `s i`.
 
 mod conv;
+mod linear;
 
 pub(crate) use conv::{Conv2d, ConvConfig};
+pub(crate) use linear::Linear;
 
 use burn::nn::{GroupNorm, GroupNormConfig, Initializer};
 use burn::tensor::module::interpolate;

@@ -4,7 +4,9 @@
 //! unsafe code. Invariant: results do not depend on the number of threads.
 
 pub mod activation;
+pub mod attention;
 pub mod conv;
+pub mod count;
 pub mod epipolar;
 pub mod epipolar_attention;
 pub mod gather_attention;
@@ -18,6 +20,8 @@ mod vector;
 
 pub use activation::Activation;
 pub(crate) use activation::{gelu, relu};
+pub(crate) use attention::attention;
+pub use count::multiply_adds;
 pub use group_norm::group_norm;
 pub(crate) use join::render_planes;
 pub use join::{conv2d, epipolar_attention, gather_attention, plane_sweep, propagate_planes};

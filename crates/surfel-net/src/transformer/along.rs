@@ -5,10 +5,11 @@
 
 use super::layer::linear;
 use crate::config::EpipolarConfig;
+use crate::layers::Linear;
 use crate::ops::epipolar::EpipolarLines;
 use crate::ops::epipolar_attention;
 use burn::module::Module;
-use burn::nn::{LayerNorm, LayerNormConfig, Linear};
+use burn::nn::{LayerNorm, LayerNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::f64::consts::PI;
 use std::sync::Arc;

@@ -6,18 +6,17 @@
 use super::along::LineAttention;
 use super::window::Windows;
 use crate::config::TransformerConfig;
+use crate::layers::Linear;
 use crate::ops::epipolar::EpipolarLines;
-use crate::ops::gelu;
+use crate::ops::{attention, gelu};
 use burn::module::Module;
-use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::module::attention;
-use burn::tensor::ops::AttentionModuleOptions;
+use burn::nn::{Initializer, LayerNorm, LayerNormConfig, LinearConfig};
 use burn::tensor::{Device, Int, Tensor};
 use std::sync::Arc;
 
 pub(super) fn linear(inputs: usize, outputs: usize, device: &Device) -> Linear {
     let initializer = Initializer::XavierUniform { gain: 1.0 };
-    LinearConfig::new(inputs, outputs).with_bias(false).with_initializer(initializer).init(device)
+    Linear::init(LinearConfig::new(inputs, outputs).with_bias(false).with_initializer(initializer), device)
 }
 
 /// Single-head attention with projections and a normalised output.
@@ -69,7 +68,7 @@ impl Attention {
             let tiled: Tensor<4> = mask.repeat_dim(2, num_sources).repeat_dim(0, views).unsqueeze_dim(1);
             tiled
         });
-        let y = attention(query, key, value, None, bias, AttentionModuleOptions::default());
+        let y = attention(query, key, value, bias);
         let y = windows.merge(y.reshape([views, count, len, channels]));
         self.norm.forward(self.merge.forward(y))
     }

@@ -3,11 +3,9 @@
 //! Invariant: the identity until trained.
 
 use crate::layers::{Conv2d, conv1x1, zero_group_norm};
-use crate::ops::{Activation, group_norm as normed};
+use crate::ops::{Activation, attention, group_norm as normed};
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::module::attention;
-use burn::tensor::ops::AttentionModuleOptions;
 use burn::tensor::{Device, Int, Tensor};
 
 /// Channels per head.
@@ -45,7 +43,7 @@ impl ViewAttention {
             all.permute([0, 2, 1, 3, 4]).reshape([views, heads, num_sources * tokens, dim])
         };
         let (query, key, value) = (part(0), gathered(part(1)), gathered(part(2)));
-        let y = attention(query, key, value, None, None, AttentionModuleOptions::default());
+        let y = attention(query, key, value, None);
         let y = y.swap_dims(2, 3).reshape([views, channels, height, width]);
         normed(&self.norm, self.merge.forward(y), Activation::Identity, Some(x))
     }

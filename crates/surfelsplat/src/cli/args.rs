@@ -290,8 +290,10 @@ pub struct WeightsImportArgs {
 pub enum NetPreset {
     /// As the paper describes it.
     Paper,
-    /// Narrow, on pretrained features.
+    /// The one that ships: matching's depth, refined.
     Small,
+    /// The paper's graph, narrow and on pretrained features.
+    Narrow,
     /// For tests.
     Tiny,
 }

@@ -8,10 +8,12 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use surfel_net::checkpoint::{self, About, Header, Precision};
 use surfel_net::import::{Reference, Source, import};
-use surfel_net::{Device, NetConfig, Preset, SurfelNet};
+use surfel_net::{Cost, Device, NetConfig, Preset, SurfelNet};
 
 /// Fresh parameters are the same in every import.
 const SEED: u64 = 1;
+/// Size of the photographs that costs are stated for.
+const COSTED_SIZE: (usize, usize) = (320, 256);
 
 pub fn run(command: &WeightsCommand, json: bool, quiet: bool) -> Result<ExitCode> {
     match command {
@@ -43,12 +45,16 @@ fn info(args: &WeightsFileArgs, json: bool) -> Result<ExitCode> {
         tensors: parts.values().map(|part| part.tensors).sum(),
         values: parts.values().map(|part| part.values).sum(),
     };
+    // Of our own networks only; a configuration that no longer parses has no cost, and `verify` says why.
+    let config = header.net_config(&file.to_string()).ok();
+    let cost = config.map(|config| Cost::of(&config, COSTED_SIZE)).transpose()?.flatten();
     if json {
         let Header { config, checksum, about, others } = &header;
         let document = json!({
             "file": args.file, "format": source.format(), "types": source.types(), "total": total, "parts": parts,
             "licence": about.licence, "data": about.data, "training": about.training,
             "checksum": checksum, "config": config, "others": others,
+            "multiply_adds": cost.as_ref().map(|cost| cost.multiply_adds), "multiply_adds_at": COSTED_SIZE,
         });
         print_line(&serde_json::to_string_pretty(&document)?);
         return Ok(ExitCode::SUCCESS);
@@ -59,6 +65,11 @@ fn info(args: &WeightsFileArgs, json: bool) -> Result<ExitCode> {
     print_line(&format!("{} tensors, {} values, stored as {types}", total.tensors, total.values));
     for (name, part) in &parts {
         print_line(&format!("  {name}: {} tensors, {} values", part.tensors, part.values));
+    }
+    if let Some(cost) = &cost {
+        let (width, height) = COSTED_SIZE;
+        let giga = cost.multiply_adds as f64 / 1e9;
+        print_line(&format!("cost: {giga:.1} billion multiplications for two photographs of {width}x{height}"));
     }
     let Header { config, checksum, about, others } = &header;
     let named = [
@@ -146,6 +157,7 @@ fn run_import(args: &WeightsImportArgs, json: bool, quiet: bool) -> Result<ExitC
         None => NetConfig::preset(match args.preset {
             NetPreset::Paper => Preset::Paper,
             NetPreset::Small => Preset::Small,
+            NetPreset::Narrow => Preset::Narrow,
             NetPreset::Tiny => Preset::Tiny,
         }),
     };

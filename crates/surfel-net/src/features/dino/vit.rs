@@ -5,11 +5,10 @@
 
 use super::resample::{cubic, resampled};
 use super::{DinoModel, PATCH, Sizes};
-use crate::ops::gelu;
+use crate::layers::Linear;
+use crate::ops::{attention, gelu};
 use burn::module::{Module, Param};
-use burn::nn::{Initializer, LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::module::attention;
-use burn::tensor::ops::AttentionModuleOptions;
+use burn::nn::{Initializer, LayerNorm, LayerNormConfig};
 use burn::tensor::{Device, Tensor};
 
 /// Of every layer normalisation.
@@ -25,7 +24,7 @@ fn zeros<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>>
 }
 
 fn dense(inputs: usize, outputs: usize, device: &Device) -> Linear {
-    LinearConfig::new(inputs, outputs).with_initializer(Initializer::Zeros).init(device)
+    Linear::zeros(inputs, outputs, device)
 }
 
 fn norm(width: usize, device: &Device) -> LayerNorm {
@@ -69,7 +68,7 @@ impl Block {
             self.qkv.forward(self.attention_norm.forward(x.clone())).reshape([images, tokens, 3, heads, dim]);
         let qkv = qkv.permute([2, 0, 3, 1, 4]);
         let [query, key, value] = [0, 1, 2].map(|i| qkv.clone().narrow(0, i, 1).reshape([images, heads, tokens, dim]));
-        let y = attention(query, key, value, None, None, AttentionModuleOptions::default());
+        let y = attention(query, key, value, None);
         let y = self.merge.forward(y.permute([0, 2, 1, 3]).reshape([images, tokens, width]));
         let x = x + y * self.attention_gamma.val().reshape([1, 1, width]);
         let y = self.narrow.forward(gelu(self.widen.forward(self.feed_norm.forward(x.clone()))));

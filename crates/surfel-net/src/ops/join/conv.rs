@@ -3,6 +3,7 @@
 //! Invariant: only the gradients that someone asks for are computed.
 
 use crate::ops::conv::{self, Conv};
+use crate::ops::count;
 use crate::ops::kernel::{Kernel, SLOTS, blank, run, runs_on};
 use burn::tensor::Tensor;
 use burn::tensor::ops::ConvOptions;
@@ -41,12 +42,14 @@ pub fn conv2d(
     padding: usize,
 ) -> Tensor<4> {
     let device = input.device();
+    let ([images, inputs, height, width], [outputs, _, kernel, _]) = (input.dims(), weight.dims());
+    let sizes = Conv { images, inputs, outputs, kernel, stride, padding, height, width };
+    let (rows, columns) = sizes.output_size();
+    count::tell_product(&[images, outputs, rows, columns, inputs, kernel, kernel]);
     if !runs_on(&device) {
         let options = ConvOptions::new([stride; 2], [padding; 2], [1; 2], 1);
         return burn::tensor::module::conv2d(input, weight, bias, options);
     }
-    let ([images, inputs, height, width], [outputs, _, kernel, _]) = (input.dims(), weight.dims());
-    let sizes = Conv { images, inputs, outputs, kernel, stride, padding, height, width };
     let bias = bias.unwrap_or_else(|| Tensor::zeros([outputs], &device));
     run([input.into_dispatch(), weight.into_dispatch(), bias.into_dispatch(), blank(&device), blank(&device)], sizes)
 }

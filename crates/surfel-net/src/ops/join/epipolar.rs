@@ -2,6 +2,7 @@
 //!
 //! Invariant: no gradient flows to cameras or depths.
 
+use crate::ops::count;
 use crate::ops::epipolar::EpipolarLines;
 use crate::ops::epipolar_attention::{self as attention, Inputs};
 use crate::ops::kernel::{Kernel, SLOTS, run};
@@ -47,6 +48,9 @@ pub fn epipolar_attention(
     num_heads: usize,
     lines: Arc<EpipolarLines>,
 ) -> Tensor<4> {
+    let neighbours = lines.warps.iter().map(Vec::len).sum::<usize>();
+    // Scores and weighted sums of interpolated keys and values; landings outside the neighbour are counted as well.
+    count::tell_product(&[2, neighbours, lines.num_pixels(), lines.num_candidates(), query.dims()[3]]);
     let kernel = Along { shape: query.dims(), num_heads, lines };
     let [query, key, value] = [query, key, value].map(Tensor::into_dispatch);
     let [depth_key, depth_value] = [depth_key, depth_value].map(Tensor::into_dispatch);

@@ -2,6 +2,7 @@
 //!
 //! Invariant: no gradient flows to the regions.
 
+use crate::ops::count;
 use crate::ops::gather_attention::{self as attention, Inputs, Regions};
 use crate::ops::kernel::{Kernel, SLOTS, blank, run};
 use burn::tensor::Tensor;
@@ -48,6 +49,9 @@ pub fn gather_attention(
     regions: Arc<Regions>,
 ) -> Tensor<2> {
     let device = query.device();
+    let samples = regions.windows.iter().map(|window| u64::from(window.mask.count_ones())).sum::<u64>();
+    // Scores and weighted sums.
+    count::tell(2 * samples * query.dims()[1] as u64);
     let kernel = Gather { shape: query.dims(), num_heads, regions };
     let [query, key, value] = [query, key, value].map(Tensor::into_dispatch);
     run([query, key, value, blank(&device), blank(&device)], kernel)

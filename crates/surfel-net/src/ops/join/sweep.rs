@@ -2,6 +2,7 @@
 //!
 //! Invariant: no gradient flows to poses or candidates.
 
+use crate::ops::count;
 use crate::ops::kernel::{Kernel, SLOTS, blank, run};
 use crate::ops::plane_sweep::{self as sweep, Sweep};
 use burn::tensor::Tensor;
@@ -32,7 +33,11 @@ impl Kernel for Correlation {
 /// Plane-sweep correlation `[views, candidates, height, width]` of features `[views, channels, height, width]`.
 pub fn plane_sweep(features: Tensor<4>, geometry: Arc<Sweep>) -> Tensor<4> {
     let device = features.device();
-    let kernel = Correlation { channels: features.dims()[1], geometry };
+    let kernel = Correlation { channels: features.dims()[1], geometry: geometry.clone() };
+    // One dot product per sample; the blending of four cells is left out, as for any sampling.
+    let neighbours = geometry.warps.iter().map(Vec::len).sum::<usize>();
+    let Sweep { height, width, .. } = *geometry;
+    count::tell_product(&[neighbours, geometry.num_candidates(), height, width, kernel.channels]);
     let features = features.permute([0, 2, 3, 1]).into_dispatch();
     let volume: Tensor<4> = run([features, blank(&device), blank(&device), blank(&device), blank(&device)], kernel);
     volume.permute([0, 2, 1, 3])
