@@ -112,7 +112,7 @@ fn main() {
     println!("the same from burn's grid sampling: {burn:.1} ms, {:.1} times ours", burn / ours);
 }
 
-/// The network that has its own cost volume, matching's work included.
+/// The network that finds depth itself: what its cost volume does here, matching does before the small one.
 fn print_narrow(scene: &SceneInput) {
     let device = Device::flex();
     let net = SurfelNet::new(NetConfig::preset(Preset::Narrow), &device).expect("the shipped features load");
