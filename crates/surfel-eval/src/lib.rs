@@ -3,6 +3,8 @@
 //! Takes depth maps, points, meshes and images from whoever made them and never a pipeline. Invariant: a
 //! missing answer counts as a miss, and the rule that says so stands in the module that scores.
 
+pub mod calibration;
+pub mod calibration_plot;
 pub mod chamfer;
 pub mod cull;
 pub mod depth_map;
@@ -27,6 +29,7 @@ pub mod surface_score;
 pub mod thin;
 pub mod view_score;
 
+pub use calibration::Calibration;
 pub use chamfer::{Beyond, ChamferScore, chamfer};
 pub use depth_map::DepthMap;
 pub use depth_metrics::{DepthScore, score_depth};

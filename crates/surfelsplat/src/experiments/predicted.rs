@@ -31,6 +31,8 @@ pub struct PredictedView {
     pub depth: Grid<f32>,
     /// Camera frame; `None` for a method that predicts none.
     pub normals: Option<NormalMap>,
+    /// Probability that the depth is right, as the method sees it; `None` for a method that says nothing of it.
+    pub confidence: Option<Grid<f32>>,
 }
 
 impl Prediction {
@@ -65,7 +67,7 @@ impl Prediction {
             let path = folder.join(format!("depth/{}.pfm", stem(index)));
             let depth = read_pfm(&path).map_err(|error| ExperimentError::Request(error.to_string()))?;
             let camera = view.view.camera.resized(depth.width(), depth.height());
-            Ok(PredictedView { camera, depth, normals: None })
+            Ok(PredictedView { camera, depth, normals: None, confidence: None })
         };
         let views = scene.views.iter().enumerate().map(view).collect::<Result<_, ExperimentError>>()?;
         let path = folder.join("mesh.ply");
@@ -79,6 +81,7 @@ impl Prediction {
             camera: view.view.camera,
             depth: view.depth.clone(),
             normals: Some(normal_map(&view.normal)),
+            confidence: None,
         };
         // Not the whole objects: no photograph shows their far sides, and no method is asked for them.
         Self { views: scene.views.iter().map(view).collect(), mesh: None, report: None }
@@ -88,10 +91,11 @@ impl Prediction {
     fn in_scene(walked: &Walked, report: Report) -> Self {
         let scene_from_working = &walked.road.scene_from_working;
         let unit = scene_from_working.scale as f32;
-        let view = |(view, maps): (&surfel_core::View, &crate::reconstruct::maps::ViewMaps)| PredictedView {
-            camera: view.camera.in_frame(scene_from_working),
-            depth: maps.depth.map(|z| z * unit),
-            normals: Some(normal_map(&maps.normal)),
+        let view = |v: usize| PredictedView {
+            camera: walked.road.views[v].camera.in_frame(scene_from_working),
+            depth: walked.maps[v].depth.map(|z| z * unit),
+            normals: Some(normal_map(&walked.maps[v].normal)),
+            confidence: Some(walked.estimates[v].confidence.clone()),
         };
         let carry = |p: &[f32; 3]| scene_from_working.transform(glam::Vec3::from(*p).as_dvec3()).as_vec3().to_array();
         let mesh = TriMesh {
@@ -99,7 +103,7 @@ impl Prediction {
             triangles: walked.mesh.triangles.clone(),
             ..TriMesh::default()
         };
-        let views = walked.road.views.iter().zip(&walked.maps).map(view).collect();
+        let views = (0..walked.maps.len()).map(view).collect();
         Self { views, mesh: Some(mesh), report: Some(report) }
     }
 }

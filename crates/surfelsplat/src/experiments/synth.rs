@@ -16,7 +16,7 @@ use surfel_eval::normal_metrics::normal_map;
 use surfel_eval::object_chamfer::back_projected;
 use surfel_eval::sample_mesh::sample_mesh_near;
 use surfel_eval::view_score::{PredictedMaps, TrueMaps};
-use surfel_eval::{SurfaceScore, ViewScore, score_surface, score_view};
+use surfel_eval::{Calibration, SurfaceScore, ViewScore, score_surface, score_view};
 use surfel_synth::{RenderedView, SceneSource, TrueScene};
 
 /// What is measured, and how strictly. Lengths are millimetres, as rendered scenes are.
@@ -54,6 +54,8 @@ pub struct SceneScore {
     pub size: [usize; 2],
     /// Mean over the views.
     pub view: ViewScore,
+    /// Confidences of all pixels with a true and a predicted depth, right within 1 %; `None` for a method without.
+    pub calibration: Option<Calibration>,
     /// The back-projected depth maps; `None` for a scene without objects in sight.
     pub depth_surface: Option<SurfaceScore>,
     /// The mesh; `None` also for a method without one.
@@ -103,6 +105,7 @@ pub fn score(method: &str, scene: &TrueScene, prediction: &Prediction, settings:
         scene: scene.name.clone(),
         size: [camera.width, camera.height],
         view: ViewScore::mean(&views)?,
+        calibration: calibration(scene, prediction),
         depth_surface: surface(&depth_points),
         mesh_surface: mesh_points.and_then(|points| surface(&points)),
         seconds: prediction.report.as_ref().map_or(f64::NAN, |report| report.total_ms / 1e3),
@@ -119,6 +122,22 @@ fn view_score(truth: &RenderedView, predicted: &PredictedView) -> Option<ViewSco
         normals: predicted.normals.as_ref().filter(|normals| normals.same_size(truth.depth)),
     };
     score_view(maps, truth)
+}
+
+/// A depth is right when it is this close to the truth, relative to it.
+const RIGHT: f32 = 0.01;
+
+/// `None` unless the method gives confidences at the size of the photographs.
+fn calibration(scene: &TrueScene, prediction: &Prediction) -> Option<Calibration> {
+    let mut calibration = Calibration::default();
+    for (truth, view) in scene.views.iter().zip(&prediction.views) {
+        let confidence = view.confidence.as_ref().filter(|map| map.same_size(&truth.depth))?;
+        let pixels = truth.depth.as_slice().iter().zip(view.depth.as_slice()).zip(confidence.as_slice());
+        for ((&z, &found), &confidence) in pixels.filter(|((z, found), _)| **z > 0.0 && **found > 0.0) {
+            calibration.add(confidence, (found - z).abs() <= RIGHT * z);
+        }
+    }
+    Some(calibration)
 }
 
 /// World points of the predicted depths of a view whose pixels show an object.

@@ -4,9 +4,10 @@
 
 use super::method::Method;
 use super::synth::{SceneScore, SynthSettings};
+use surfel_eval::calibration_plot::calibration_svg;
 use surfel_eval::normal_metrics::NormalScore;
-use surfel_eval::report::{Cell, Report, Table};
-use surfel_eval::{DepthScore, SurfaceScore, ViewScore};
+use surfel_eval::report::{Cell, Figure, Report, Table};
+use surfel_eval::{Calibration, DepthScore, SurfaceScore, ViewScore};
 
 /// The means over scenes of each method and size, in order of appearance.
 pub fn means(scores: &[SceneScore]) -> Vec<SceneScore> {
@@ -32,9 +33,18 @@ fn mean(group: &[&SceneScore]) -> Option<SceneScore> {
         scene: format!("mean of {}", group.len()),
         size: first.size,
         view: ViewScore::mean(&views)?,
+        calibration: merged(group),
         depth_surface: surface(|s| s.depth_surface),
         mesh_surface: surface(|s| s.mesh_surface),
         seconds: group.iter().map(|s| s.seconds).sum::<f64>() / group.len() as f64,
+    })
+}
+
+/// All answers of a method together, since a bin of one scene may hold few.
+fn merged(group: &[&SceneScore]) -> Option<Calibration> {
+    group.iter().filter_map(|score| score.calibration).reduce(|mut all, next| {
+        all.merge(&next);
+        all
     })
 }
 
@@ -56,8 +66,19 @@ pub fn report(scores: &[SceneScore], settings: &SynthSettings, scenes: &str) -> 
         title: "Rendered scenes against their exact surfaces".to_owned(),
         notes: notes(settings, scenes),
         tables: vec![depth, surface, per_scene_depth, per_scene],
-        figures: Vec::new(),
+        figures: reliability(scores).into_iter().collect(),
     }
+}
+
+/// The reliability diagrams of all methods that give confidences.
+fn reliability(scores: &[SceneScore]) -> Option<Figure> {
+    let panel = |score: SceneScore| Some((format!("{}, {}", score.method, size(&score)), score.calibration?));
+    let panels: Vec<(String, Calibration)> = means(scores).into_iter().filter_map(panel).collect();
+    (!panels.is_empty()).then(|| Figure {
+        title: "Share of pixels within 1 % of the true depth over their confidence".to_owned(),
+        file: "calibration.svg".to_owned(),
+        content: calibration_svg(&panels).into_bytes(),
+    })
 }
 
 fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
@@ -67,6 +88,9 @@ fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
     vec![
         format!("Scenes: {scenes}."),
         format!("Methods: {}.", methods.join("; ")),
+        "Calibration error: root mean square difference between confidence and the share of pixels within 1 %, over \
+         ten bins of the pixels that have a depth."
+            .to_owned(),
         "Depth: shares are of all pixels with a true depth, a missing depth is a miss; errors are millimetres, over \
          pixels with a depth. Normals: angle to the exact normals on object pixels, of the depth map and as the \
          surfels show them; MSE is the mean of the squared difference summed over x, y, z, and that over 3."
@@ -80,7 +104,7 @@ fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
     ]
 }
 
-const DEPTH_COLUMNS: [&str; 14] = [
+const DEPTH_COLUMNS: [&str; 15] = [
     "method",
     "size",
     "scene",
@@ -94,6 +118,7 @@ const DEPTH_COLUMNS: [&str; 14] = [
     "normals, deg",
     "normal MSE (sum)",
     "normal MSE (/3)",
+    "calibration error",
     "seconds",
 ];
 
@@ -117,6 +142,7 @@ fn depth_row(score: &SceneScore) -> Vec<Cell> {
         angle(normals),
         Cell::Value(normals.map_or(f64::NAN, |n| n.mse_sum), 4),
         Cell::Value(normals.map_or(f64::NAN, |n| n.mse_mean), 4),
+        Cell::Value(score.calibration.and_then(|c| c.error()).unwrap_or(f64::NAN), 3),
         Cell::Value(score.seconds, 2),
     ]
 }
