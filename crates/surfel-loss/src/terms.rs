@@ -43,6 +43,16 @@ impl Default for Recipe {
     }
 }
 
+impl Recipe {
+    /// Whether any term has a weight and its truth; if not, the view need not be rendered.
+    pub fn can_tell(&self, truth: &Truth) -> bool {
+        let of_pictures = self.photometric != 0.0 || self.perceptual != 0.0 || self.alignment != 0.0;
+        let of_depth = self.rendered_depth != 0.0 && truth.depth.is_some();
+        let of_normals = self.normal != 0.0 && truth.normals.is_some();
+        of_pictures || of_depth || of_normals || (self.silhouette != 0.0 && truth.mask.is_some())
+    }
+}
+
 /// What is known of one view; whatever is missing skips its term.
 #[derive(Clone, Debug)]
 pub struct Truth {

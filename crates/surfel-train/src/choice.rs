@@ -24,11 +24,11 @@ pub(crate) fn divergence(choice: &Choice, sample: &Sample, object_factor: f64, d
     let (columns, rows, views) = (width / choice.stride, height / choice.stride, sample.num_views());
     let inside = |map: Tensor<4>| map.narrow(2, 0, rows).narrow(3, 0, columns);
     let (mut truth, mut counts) = (Vec::new(), Vec::new());
-    for (depth, object) in sample.depth.iter().zip(&sample.object) {
+    for known in &sample.truth {
         for block in 0..rows * columns {
-            let pixel = (block % columns * choice.stride, block / columns * choice.stride);
-            truth.push(depth[pixel]);
-            counts.push(if object[pixel] { object_factor as f32 } else { 1.0 });
+            let pixel = block / columns * choice.stride * width + block % columns * choice.stride;
+            truth.push(known.depth_at(pixel));
+            counts.push(if known.is_object(pixel) { object_factor as f32 } else { 1.0 });
         }
     }
     let of_blocks = |values: Vec<f32>| -> Tensor<4> {

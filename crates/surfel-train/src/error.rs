@@ -31,6 +31,14 @@ pub enum TrainError {
         /// What is wrong.
         reason: String,
     },
+    /// Samples of which no term of the loss knows the truth.
+    #[error(
+        "step {step} has nothing to learn from: its samples know nothing that a term of the loss asks for; give weights to terms of [loss.rendered], which photographs alone can tell"
+    )]
+    NothingToLearn {
+        /// Steps done.
+        step: u64,
+    },
     /// A checkpoint of another run.
     #[error(
         "{path} is a checkpoint of another run ({reason}); give another output folder or the configuration it was made with"

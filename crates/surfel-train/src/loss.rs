@@ -1,16 +1,17 @@
 //! What the network is taught: planes, orientations and honesty, from exact truth (spec 4.3).
 //!
-//! Depth errors are counted in steps (about a pixel of parallax), so every term is free of units; pixels without
-//! truth say nothing. Invariant: the truth itself has loss zero but for the opacity term, whose least value is
-//! reached by the true probability of being right.
+//! Depth errors are counted in steps (about a pixel of parallax), so every term is free of units. Invariants: pixels
+//! whose truth is not known say nothing, and a term of which nothing is known is left out; the truth itself has loss
+//! zero but for the opacity term, whose least value is reached by the true probability of being right.
 
 use crate::choice::divergence;
 use crate::error::TrainError;
+use crate::facing::facing;
 use crate::rendered::{self, RenderedWeights};
 use crate::sample::Sample;
-use burn::tensor::{Device, Tensor, TensorData};
+use crate::truth_tensors::TruthTensors;
+use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
-use surfel_core::Grid;
 use surfel_loss::Perceptual;
 use surfel_net::{EncoderMaps, Prediction, SurfelTensors};
 
@@ -90,7 +91,7 @@ const LARGEST_STEPS: f64 = 16.0;
 /// Relative depth error up to which a pixel counts as right.
 const RIGHT: f64 = 0.01;
 
-/// The terms of what is `said` of `sample` that have a weight.
+/// The terms of what is `said` of `sample` that have a weight and of whose truth something is known.
 ///
 /// # Errors
 /// When the surfels cannot be rendered for the terms that ask for it.
@@ -101,128 +102,127 @@ pub fn terms(
     perceptual: &Perceptual,
     device: &Device,
 ) -> Result<Terms, TrainError> {
-    let truth = Truth::of(sample, device);
-    let Truth { inverse_depth, mask, inverse_step, normals, normal_mask } = truth;
-    let counts = object_counts(sample, weights.object_factor, device);
+    let truth = TruthTensors::of(sample, weights.object_factor, device);
+    let knows_depth = sample.truth.iter().any(|view| view.depth.is_some());
+    let knows_normals = sample.truth.iter().any(|view| view.normal.is_some());
+    let TruthTensors { inverse_depth, has_depth, knows_surface, inverse_step, normals, has_normal, counts } = truth;
     let predicted = said.maps.depth.clone().recip();
     let depth = || {
         let error = ((predicted.clone() - inverse_depth.clone()) * inverse_step.clone()).abs();
         let error = error.clamp_max(LARGEST_STEPS);
         let robust = (error.clone() / KNEE_STEPS).log1p() * KNEE_STEPS + error * LINEAR;
-        mean(robust.flatten(0, 2), (mask.clone() * counts.clone()).flatten(0, 2))
+        mean(robust.flatten(0, 2), (has_depth.clone() * counts.clone()).flatten(0, 2))
     };
     let opacity = || {
         let relative = (inverse_depth.clone() / predicted.clone().detach() - 1.0).abs();
-        let right = relative.lower_equal_elem(RIGHT).float() * mask.clone();
+        let right = relative.lower_equal_elem(RIGHT).float() * has_depth.clone();
         let opacity = said.maps.confidence.clone().clamp(1e-4, 1.0 - 1e-4);
         let entropy = -(right.clone() * opacity.clone().log() + (-right + 1.0) * (-opacity + 1.0).log());
         // Where there is no surface the opacity should be low as well: those pixels count a little.
-        entropy.mean()
+        match &knows_surface {
+            Some(known) => mean(entropy.flatten(0, 2), known.clone().flatten(0, 2)),
+            None => entropy.mean(),
+        }
     };
     let chord = |normal: Tensor<2>| {
         let difference = normal - normals.clone();
         // The chord itself, not its square as in the paper: squares pull towards the mean of the doubtful.
         let chord = (difference.powi_scalar(2).sum_dim(1) + 1e-4).sqrt();
-        mean(chord.squeeze_dim::<1>(1), normal_mask.clone())
+        mean(chord.squeeze_dim::<1>(1), has_normal.clone())
     };
     let mut terms = vec![];
-    let mut add = |name, weight: f64, term: &dyn Fn() -> Option<Tensor<1>>| {
-        if weight != 0.0 {
+    let mut add = |name, known: bool, weight: f64, term: &dyn Fn() -> Option<Tensor<1>>| {
+        if known && weight != 0.0 {
             terms.extend(term().map(|term| (name, weight, term)));
         }
     };
     let of_surfels = |which: usize| said.surfels.map(|surfels| chord(facing(surfels[which], sample, device)));
     let of_planes = || {
         let normals = said.maps.normals.clone()?;
-        let count = sample.num_views() * sample.depth[0].len();
+        let count = sample.num_views() * sample.num_pixels();
         Some(chord(normals.permute([0, 2, 3, 1]).reshape([count, 3])))
     };
-    add("depth", weights.depth, &|| Some(depth()));
-    add("normal", weights.normal, &|| of_surfels(1));
-    add("initial_normal", weights.initial_normal, &|| of_surfels(0));
-    add("plane_normal", weights.plane_normal, &of_planes);
-    add("choice", weights.choice, &|| {
+    add("depth", knows_depth, weights.depth, &|| Some(depth()));
+    add("normal", knows_normals, weights.normal, &|| of_surfels(1));
+    add("initial_normal", knows_normals, weights.initial_normal, &|| of_surfels(0));
+    add("plane_normal", knows_normals, weights.plane_normal, &of_planes);
+    add("choice", knows_depth, weights.choice, &|| {
         said.maps.choice.as_ref().map(|choice| divergence(choice, sample, weights.object_factor, device))
     });
-    add("opacity", weights.opacity, &|| Some(opacity()));
-    if let Some([_, surfels]) = said.surfels {
+    add("opacity", knows_depth, weights.opacity, &|| Some(opacity()));
+    if let (Some([_, surfels]), true) = (said.surfels, weights.rendered.is_some()) {
         terms.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
     }
     Ok(Terms(terms))
-}
-
-/// How much each pixel counts, `[views, height, width]`.
-fn object_counts(sample: &Sample, factor: f64, device: &Device) -> Tensor<3> {
-    let (width, height) = sample.size();
-    let objects = sample.object.iter().flat_map(Grid::as_slice);
-    let counts: Vec<f32> = objects.map(|is| if *is { factor as f32 } else { 1.0 }).collect();
-    Tensor::from_data(TensorData::new(counts, [sample.num_views(), height, width]), device)
-}
-
-struct Truth {
-    inverse_depth: Tensor<3>,
-    mask: Tensor<3>,
-    inverse_step: Tensor<3>,
-    normals: Tensor<2>,
-    normal_mask: Tensor<1>,
-}
-
-impl Truth {
-    fn of(sample: &Sample, device: &Device) -> Self {
-        let (width, height) = sample.size();
-        let views = sample.num_views();
-        let maps = |value: &dyn Fn(f32) -> f32| -> Tensor<3> {
-            let values: Vec<f32> = sample.depth.iter().flat_map(Grid::as_slice).map(|z| value(*z)).collect();
-            Tensor::from_data(TensorData::new(values, [views, height, width]), device)
-        };
-        let steps: Vec<f32> = sample.seeds.iter().map(|seed| 1.0 / seed.step).collect();
-        let normals: Vec<f32> = sample.normal.iter().flat_map(|map| map.as_slice().as_flattened()).copied().collect();
-        let known: Vec<f32> =
-            normals.as_chunks::<3>().0.iter().map(|n| if *n == [0.0; 3] { 0.0 } else { 1.0 }).collect();
-        let count = views * width * height;
-        Self {
-            inverse_depth: maps(&|z| if z > 0.0 { 1.0 / z } else { 1.0 }),
-            mask: maps(&|z| if z > 0.0 { 1.0 } else { 0.0 }),
-            inverse_step: Tensor::from_data(TensorData::new(steps, [views, 1, 1]), device),
-            normals: Tensor::from_data(TensorData::new(normals, [count, 3]), device),
-            normal_mask: Tensor::from_data(TensorData::new(known, [count]), device),
-        }
-    }
 }
 
 pub(crate) fn mean(values: Tensor<1>, mask: Tensor<1>) -> Tensor<1> {
     (values * mask.clone()).sum() / (mask.sum() + 1e-6)
 }
 
-/// Normals of surfels `[surfels, 3]` in the camera of their own view, turned to face it.
-fn facing(surfels: &SurfelTensors, sample: &Sample, device: &Device) -> Tensor<2> {
-    let [w, x, y, z] = [0, 1, 2, 3].map(|i| surfels.rotations.clone().narrow(1, i, 1));
-    let mul = |a: &Tensor<2>, b: &Tensor<2>| a.clone() * b.clone();
-    let world = Tensor::cat(
-        vec![
-            (mul(&x, &z) + mul(&w, &y)) * 2.0,
-            (mul(&y, &z) - mul(&w, &x)) * 2.0,
-            (mul(&x, &x) + mul(&y, &y)) * -2.0 + 1.0,
-        ],
-        1,
-    );
-    let views = sample.num_views();
-    let pixels = sample.depth[0].len();
-    // Columns of `camera_from_world` one after the other are its transpose, row by row, as row vectors need it.
-    let columns = sample.cameras.iter().flat_map(|camera| camera.camera_from_world.rotation.to_cols_array());
-    let transposed: Vec<f32> = columns.map(|value| value as f32).collect();
-    let transposed: Tensor<3> = Tensor::from_data(TensorData::new(transposed, [views, 3, 3]), device);
-    let in_camera = world.reshape([views, pixels, 3]).matmul(transposed);
-    let rays: Vec<f32> = sample
-        .cameras
-        .iter()
-        .flat_map(|camera| {
-            let pixels = (0..pixels).map(|i| surfel_core::Camera::pixel_centre(i % camera.width, i / camera.width));
-            pixels.flat_map(|pixel| camera.ray(pixel).as_vec3().to_array()).collect::<Vec<_>>()
-        })
-        .collect();
-    let rays: Tensor<3> = Tensor::from_data(TensorData::new(rays, [views, pixels, 3]), device);
-    let away = (in_camera.clone().detach() * rays).sum_dim(2).greater_elem(0.0).float();
-    let sign = away * -2.0 + 1.0;
-    (in_camera * sign).reshape([views * pixels, 3])
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::tests::analytic;
+    use crate::truth::{Hole, TrueDepth, ViewTruth};
+    use burn::tensor::TensorData;
+
+    const WEIGHTS: LossWeights = LossWeights {
+        depth: 1.0,
+        normal: 1.0,
+        initial_normal: 0.0,
+        plane_normal: 1.0,
+        choice: 0.0,
+        opacity: 1.0,
+        object_factor: 3.0,
+        rendered: RenderedWeights {
+            photometric: 0.0,
+            perceptual: 0.0,
+            alignment: 0.0,
+            depth: 0.0,
+            normal: 0.0,
+            silhouette: 0.0,
+            depth_ratio: 0.0,
+        },
+    };
+
+    /// The terms for maps that are right everywhere but sure of it only where `sure` says so.
+    fn named(sample: &Sample, truth: &Sample, sure: impl Fn(f32) -> bool) -> Vec<(&'static str, f64)> {
+        let (device, (width, height)) = (Device::flex(), sample.size());
+        let depths = || truth.truth.iter().flat_map(|view| (0..truth.num_pixels()).map(|i| view.depth_at(i)));
+        let map = |values: Vec<f32>| -> Tensor<3> {
+            Tensor::from_data(TensorData::new(values, [sample.num_views(), height, width]), &device)
+        };
+        let maps = EncoderMaps {
+            depth: map(depths().map(|z| if z > 0.0 { z } else { 1.0 }).collect()),
+            confidence: map(depths().map(|z| if sure(z) { 0.9 } else { 0.1 }).collect()),
+            normals: Some(Tensor::zeros([sample.num_views(), 3, height, width], &device)),
+            choice: None,
+        };
+        let said = Said { maps: &maps, surfels: None };
+        terms(said, sample, &WEIGHTS, &Perceptual::Ssim, &device).unwrap().named()
+    }
+
+    #[test]
+    fn terms_without_truth_are_absent_and_unmeasured_pixels_are_not_empty() {
+        let mut rendered = analytic(3);
+        let upper_half = |depth: &mut TrueDepth| (0..16).for_each(|y| (0..48).for_each(|x| depth.map[(x, y)] = 0.0));
+        rendered.truth.iter_mut().for_each(|view| upper_half(view.depth.as_mut().unwrap()));
+        let names = |sample: &Sample| named(sample, &rendered, |z| z > 0.0).iter().map(|t| t.0).collect::<Vec<_>>();
+        assert_eq!(names(&rendered), ["depth", "plane_normal", "opacity"]);
+        let mut sample = rendered.clone();
+        sample.truth.iter_mut().for_each(|view| view.normal = None);
+        assert_eq!(names(&sample), ["depth", "opacity"]);
+        sample.truth[0] = ViewTruth::default();
+        assert_eq!(names(&sample), ["depth", "opacity"]);
+        sample.truth[1] = ViewTruth::default();
+        assert!(names(&sample).is_empty());
+
+        let opacity = |sample: &Sample, sure: fn(f32) -> bool| named(sample, &rendered, sure).last().unwrap().1;
+        assert!(opacity(&rendered, |_| true) > opacity(&rendered, |z| z > 0.0) + 0.1);
+        let mut measured = rendered.clone();
+        measured.truth.iter_mut().for_each(|view| view.depth.as_mut().unwrap().hole = Hole::Unmeasured);
+        assert_eq!(opacity(&measured, |_| true), opacity(&measured, |z| z > 0.0));
+        assert!((opacity(&measured, |_| true) + 0.9f64.ln()).abs() < 1e-3);
+    }
 }

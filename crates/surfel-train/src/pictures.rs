@@ -4,6 +4,7 @@
 
 use crate::error::TrainError;
 use crate::sample::Sample;
+use crate::truth::ViewTruth;
 use std::path::Path;
 use surfel_core::Grid;
 use surfel_core::normals::normal_from_rotation;
@@ -38,7 +39,7 @@ pub(crate) fn write(net: &SurfelNet, sample: &Sample, path: &Path) -> Result<(),
         let at = |x: usize, y: usize| view * width * height + y * width + x;
         let config = sample.ranges[view].render_config();
         let step = sample.seeds[view].step;
-        let error = |x: usize, y: usize| match sample.depth[view][(x, y)] {
+        let error = |x: usize, y: usize| match sample.truth[view].depth_at(y * width + x) {
             truth if truth > 0.0 => ((1.0 / depth[at(x, y)] - 1.0 / truth).abs() / step / WHITE_STEPS).min(1.0),
             _ => 0.0,
         };
@@ -53,14 +54,15 @@ pub(crate) fn write(net: &SurfelNet, sample: &Sample, path: &Path) -> Result<(),
         })
     };
     let panels = (0..sample.num_views()).map(panels).collect::<Result<Vec<_>, _>>()?;
+    let truths: Vec<_> = sample.truth.iter().map(|truth| drawn(truth, width, height)).collect();
     let rows: Vec<PreviewRow> = panels
         .iter()
         .enumerate()
         .flat_map(|(view, panels)| {
             let truth = PreviewRow {
                 photo: &sample.images[view],
-                depth: &sample.depth[view],
-                normal: &sample.normal[view],
+                depth: &truths[view].0,
+                normal: &truths[view].1,
                 last: &panels.confidence,
                 captions: ["photo", "true depth", "true normals", "confidence"],
             };
@@ -75,4 +77,10 @@ pub(crate) fn write(net: &SurfelNet, sample: &Sample, path: &Path) -> Result<(),
         })
         .collect();
     Ok(write_atomically(path, |out| write_preview(out, &rows))?)
+}
+
+/// Depth and normals to draw; where they are not known, as where there are none.
+fn drawn(truth: &ViewTruth, width: usize, height: usize) -> (Grid<f32>, Grid<[f32; 3]>) {
+    let depth = truth.depth.as_ref().map_or_else(|| Grid::filled(width, height, 0.0), |depth| depth.map.clone());
+    (depth, truth.normal.clone().unwrap_or_else(|| Grid::filled(width, height, [0.0; 3])))
 }

@@ -1,13 +1,15 @@
 //! The terms that look at what the surfels show to the cameras of the sample (paper: `L`; spec 4.3).
 //!
-//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: every view of a sample counts
-//! the same, and nothing is rendered unless a term has a weight.
+//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: in each term every view that can
+//! tell it counts the same, and nothing is rendered unless a term has a weight and its truth.
 
 use crate::error::TrainError;
 use crate::sample::Sample;
+use crate::truth::{Hole, ViewTruth};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
-use surfel_loss::{Perceptual, Recipe, Truth, view_terms};
+use surfel_core::Grid;
+use surfel_loss::{Perceptual, Recipe, Term, Truth, view_terms};
 use surfel_net::{SurfelTensors, render};
 
 /// Weights of the terms on rendered maps; all 0 unless given.
@@ -24,7 +26,7 @@ pub struct RenderedWeights {
     pub depth: f64,
     /// Blended normals.
     pub normal: f64,
-    /// Alpha against the pixels that show a surface.
+    /// Alpha against the pixels that show a surface; only where it is known which show none.
     pub silhouette: f64,
     /// Which depth the alignment looks at: 0 the expected one, which is smoother, 1 the median.
     pub depth_ratio: f64,
@@ -50,7 +52,7 @@ impl RenderedWeights {
     }
 }
 
-/// The terms with a weight: name, weight, mean over the views.
+/// The terms with a weight and a truth: name, weight, mean over the views that have the truth.
 ///
 /// # Errors
 /// When the surfels cannot be rendered or the views are too small for SSIM.
@@ -61,26 +63,37 @@ pub(crate) fn terms(
     perceptual: &Perceptual,
     device: &Device,
 ) -> Result<Vec<(&'static str, f64, Tensor<1>)>, TrainError> {
-    let mut sums: Vec<(&'static str, f64, Tensor<1>)> = Vec::new();
-    if !weights.is_some() {
-        return Ok(sums);
-    }
-    let share = 1.0 / sample.num_views() as f64;
+    let recipe = weights.recipe();
+    let mut of_views: Vec<Term> = Vec::new();
     for view in 0..sample.num_views() {
+        let truth = known(&sample.images[view], &sample.truth[view], device);
+        if !recipe.can_tell(&truth) {
+            continue;
+        }
         let (camera, range) = (&sample.cameras[view], &sample.ranges[view]);
         let maps = render(surfels, camera, &range.render_config())?;
-        let truth = truth(sample, view, device);
-        let context = (&camera.intrinsics, range);
-        let terms = view_terms(&maps, &truth, context, perceptual, &weights.recipe())?;
-        for term in terms.list {
-            let value = term.value * share;
-            match sums.iter_mut().find(|(name, ..)| *name == logged_as(term.name)) {
-                Some((_, _, sum)) => *sum = sum.clone() + value,
-                None => sums.push((logged_as(term.name), term.weight, value)),
-            }
+        of_views.extend(view_terms(&maps, &truth, (&camera.intrinsics, range), perceptual, &recipe)?.list);
+    }
+    Ok(means(of_views))
+}
+
+/// One term of each name, in the order of their first appearance.
+fn means(of_views: Vec<Term>) -> Vec<(&'static str, f64, Tensor<1>)> {
+    let mut counts: Vec<(&'static str, usize)> = Vec::new();
+    for term in &of_views {
+        match counts.iter_mut().find(|(name, _)| *name == term.name) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((term.name, 1)),
         }
     }
-    Ok(sums)
+    let mean = |&(name, count): &(&'static str, usize)| {
+        let share = 1.0 / count as f64;
+        let mut terms = of_views.iter().filter(|term| term.name == name);
+        let first = terms.next()?;
+        let sum = terms.fold(first.value.clone() * share, |sum, term| sum + term.value.clone() * share);
+        Some((logged_as(name), first.weight, sum))
+    };
+    counts.iter().filter_map(mean).collect()
 }
 
 /// Names in logs tell these terms from those of the encoder's maps.
@@ -94,19 +107,40 @@ fn logged_as(name: &'static str) -> &'static str {
     }
 }
 
-fn truth(sample: &Sample, view: usize, device: &Device) -> Truth {
-    let (width, height) = sample.size();
+/// What the terms are told of a view.
+fn known(photograph: &Grid<[f32; 3]>, truth: &ViewTruth, device: &Device) -> Truth {
+    let (width, height) = (photograph.width(), photograph.height());
     let map = |values: Vec<f32>| -> Tensor<2> { Tensor::from_data(TensorData::new(values, [height, width]), device) };
-    let vectors = |values: &[[f32; 3]]| -> Tensor<3> {
-        let values = values.as_flattened().to_vec();
+    let vectors = |grid: &Grid<[f32; 3]>| -> Tensor<3> {
+        let values = grid.as_slice().as_flattened().to_vec();
         Tensor::<3>::from_data(TensorData::new(values, [height, width, 3]), device).permute([2, 0, 1])
     };
-    let (depth, normal) = (sample.depth[view].as_slice(), sample.normal[view].as_slice());
     let flag = |is: bool| if is { 1.0 } else { 0.0 };
+    let has_normal = |grid: &Grid<[f32; 3]>| grid.as_slice().iter().map(|n| flag(*n != [0.0; 3])).collect();
+    // A depth map with holes does not say where the surface ends.
+    let whole = truth.depth.as_ref().filter(|depth| depth.hole == Hole::Empty);
     Truth {
-        photograph: vectors(sample.images[view].as_slice()),
-        depth: Some(map(depth.to_vec())),
-        normals: Some((vectors(normal), map(normal.iter().map(|n| flag(*n != [0.0; 3])).collect()))),
-        mask: Some(map(depth.iter().map(|z| flag(*z > 0.0)).collect())),
+        photograph: vectors(photograph),
+        depth: truth.depth.as_ref().map(|depth| map(depth.map.as_slice().to_vec())),
+        normals: truth.normal.as_ref().map(|normal| (vectors(normal), map(has_normal(normal)))),
+        mask: whole.map(|depth| map(depth.map.as_slice().iter().map(|z| flag(*z > 0.0)).collect())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::tests::analytic;
+
+    #[test]
+    fn a_measurement_with_holes_says_nothing_of_the_silhouette() {
+        let sample = analytic(3);
+        let known = |truth: &ViewTruth| known(&sample.images[0], truth, &Device::flex());
+        let mut truth = sample.truth[0].clone();
+        assert!(known(&truth).mask.is_some());
+        truth.depth.as_mut().unwrap().hole = Hole::Unmeasured;
+        assert!(known(&truth).mask.is_none() && known(&truth).depth.is_some() && known(&truth).normals.is_some());
+        let nothing = known(&ViewTruth::default());
+        assert!(nothing.depth.is_none() && nothing.normals.is_none());
     }
 }

@@ -1,9 +1,10 @@
 //! One training sample: posed photographs, what matching says of them, and the truth.
 //!
 //! Made by [`Sample::of`] from rendered views, exactly as the road prepares a scene. Invariant: every map has the
-//! size of its photograph, and the truth of a pixel without surface is depth 0.
+//! size of its photograph, and every view says which truth is known of it.
 
 use crate::error::TrainError;
+use crate::truth::ViewTruth;
 use surfel_core::{Camera, Grid, View};
 use surfel_net::{DepthRange, SceneInput, Seed};
 use surfel_stereo::MatchConfig;
@@ -21,12 +22,8 @@ pub struct Sample {
     pub ranges: Vec<DepthRange>,
     /// What matching found.
     pub seeds: Vec<Seed>,
-    /// True z-depth, scene units; 0 where there is no surface.
-    pub depth: Vec<Grid<f32>>,
-    /// True unit normals, camera frame, facing the camera; zero where there is no surface.
-    pub normal: Vec<Grid<[f32; 3]>>,
-    /// True on the objects, false on surroundings and backdrop.
-    pub object: Vec<Grid<bool>>,
+    /// What is known of each view.
+    pub truth: Vec<ViewTruth>,
 }
 
 /// How much wider than the truth a searched range is, at most: on the near side and on the far side.
@@ -56,9 +53,7 @@ impl Sample {
             cameras: views.iter().map(|view| view.camera).collect(),
             images: views.into_iter().map(|view| view.image).collect(),
             ranges,
-            depth: rendered.iter().map(|rendered| rendered.depth.clone()).collect(),
-            normal: rendered.iter().map(|rendered| rendered.normal.clone()).collect(),
-            object: rendered.iter().map(RenderedView::object_mask).collect(),
+            truth: rendered.iter().map(ViewTruth::of_rendered).collect(),
         })
     }
 
@@ -70,6 +65,11 @@ impl Sample {
     /// Columns and rows of every map.
     pub fn size(&self) -> (usize, usize) {
         (self.images[0].width(), self.images[0].height())
+    }
+
+    /// Pixels of every map.
+    pub fn num_pixels(&self) -> usize {
+        self.images[0].len()
     }
 
     /// What the network is given of it.

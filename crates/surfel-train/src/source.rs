@@ -157,3 +157,28 @@ impl Source {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Settings of small analytic pairs.
+    pub(crate) fn config(seed: u64) -> SourceConfig {
+        SourceConfig {
+            kind: SourceKind::Analytic,
+            seed,
+            width: 48,
+            height: 32,
+            num_views: 2,
+            room_share: 0.0,
+            pair_angle_deg: usual_angles(),
+            defects: 1.0,
+            sharpening: [0.0; 2],
+        }
+    }
+
+    /// The first of them.
+    pub(crate) fn analytic(seed: u64) -> Sample {
+        Source::open(&config(seed), Split::Train, None).unwrap().sample(0).unwrap()
+    }
+}

@@ -46,7 +46,7 @@ pub struct StepReport {
     pub steps: u64,
     /// Weighted loss.
     pub loss: f64,
-    /// Terms by name, unweighted.
+    /// Terms by name, unweighted, each over the samples that have its truth.
     pub terms: Vec<(&'static str, f64)>,
     /// Norm of the gradient before clipping.
     pub gradient_norm: f64,
@@ -199,8 +199,10 @@ impl Trainer {
                 let line = serde_json::json!({ "step": step, "validation": validation });
                 append(&self.folder.join(METRICS), &line)?;
                 watcher.validated(step, &validation);
-                if self.state.best.is_none_or(|(share, _)| validation.network.within_1pct > share) {
-                    self.state.best = Some((validation.network.within_1pct, step));
+                if let Some(network) = validation.network
+                    && self.state.best.is_none_or(|(share, _)| network.within_1pct > share)
+                {
+                    self.state.best = Some((network.within_1pct, step));
                     checkpoint::save(&self.kept_net(), &self.folder.join("best.safetensors"))?;
                 }
             }
@@ -255,6 +257,9 @@ impl Trainer {
                 let sum = gradients.entry(name).or_insert_with(|| vec![0.0; new.len()]);
                 sum.iter_mut().zip(new).for_each(|(sum, new)| *sum += share * new);
             }
+        }
+        if gradients.is_empty() {
+            return Err(TrainError::NothingToLearn { step: self.state.step });
         }
         let (norm, factor) = clipping(gradients.values(), self.config.clip);
         let rate = self.rate(self.state.step);
@@ -323,7 +328,14 @@ struct Meter {
     samples: f64,
     loss: f64,
     norm: f64,
-    terms: Vec<(&'static str, f64)>,
+    terms: Vec<TermSum>,
+}
+
+/// A term over the samples that have it.
+struct TermSum {
+    name: &'static str,
+    sum: f64,
+    samples: f64,
 }
 
 impl Meter {
@@ -334,10 +346,11 @@ impl Meter {
     fn add_loss(&mut self, loss: f64, terms: &[(&'static str, f64)]) {
         self.samples += 1.0;
         self.loss += loss;
-        if self.terms.is_empty() {
-            self.terms = terms.to_vec();
-        } else {
-            self.terms.iter_mut().zip(terms).for_each(|(sum, term)| sum.1 += term.1);
+        for (name, value) in terms {
+            match self.terms.iter_mut().find(|term| term.name == *name) {
+                Some(term) => (term.sum, term.samples) = (term.sum + value, term.samples + 1.0),
+                None => self.terms.push(TermSum { name, sum: *value, samples: 1.0 }),
+            }
         }
     }
 
@@ -351,7 +364,7 @@ impl Meter {
             step,
             steps,
             loss: self.loss / self.samples,
-            terms: self.terms.iter().map(|(name, sum)| (*name, sum / self.samples)).collect(),
+            terms: self.terms.iter().map(|term| (term.name, term.sum / term.samples)).collect(),
             gradient_norm: self.norm / self.steps,
             rate,
             seconds_per_step: self.start.elapsed().as_secs_f64() / self.steps,

@@ -1,6 +1,7 @@
 //! How good a network is on samples it never learned from, beside matching on the same samples.
 //!
-//! Invariant: the same pixels count for both, all that have a true depth; none is left out for being hard.
+//! Invariant: the same pixels count for both, all whose true depth is known; none is left out for being hard, and what
+//! cannot be measured is not stated.
 
 use crate::error::TrainError;
 use crate::sample::Sample;
@@ -16,23 +17,23 @@ pub struct Scores {
     pub within_1pct: f64,
     /// Median relative depth error, per cent.
     pub median_pct: f64,
-    /// Mean angle to the true normal, degrees.
-    pub normal_deg: f64,
+    /// Mean angle to the true normal, degrees; `None` where no normal is known.
+    pub normal_deg: Option<f64>,
     /// Root mean square difference between confidence and being within 1 %, over ten equal bins of confidence.
     pub calibration: f64,
 }
 
-/// Scores of matching and of the network.
+/// Scores of matching and of the network; `None` where no pixel of the samples has a known depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Validation {
     /// Matching, all pixels.
-    pub matching: Scores,
+    pub matching: Option<Scores>,
     /// The network, all pixels.
-    pub network: Scores,
+    pub network: Option<Scores>,
     /// Matching, objects only.
-    pub matching_objects: Scores,
+    pub matching_objects: Option<Scores>,
     /// The network, objects only.
-    pub network_objects: Scores,
+    pub network_objects: Option<Scores>,
 }
 
 /// Errors of pixels, gathered over samples.
@@ -58,22 +59,21 @@ impl Tally {
         self.num_angles += 1;
     }
 
-    fn scores(mut self) -> Scores {
-        let count = self.relative.len().max(1);
-        let middle = self.relative.len() / 2;
+    fn scores(mut self) -> Option<Scores> {
+        let count = self.relative.len();
+        if count == 0 {
+            return None;
+        }
         let right = self.relative.iter().filter(|error| **error <= 0.01).count();
-        let median = match self.relative.is_empty() {
-            true => 0.0,
-            false => *self.relative.select_nth_unstable_by(middle, f32::total_cmp).1,
-        };
+        let median = *self.relative.select_nth_unstable_by(count / 2, f32::total_cmp).1;
         let square = |(n, right, confidence): (f64, f64, f64)| (right - confidence).powi(2) / n.max(1.0);
         let calibration: f64 = self.bins.iter().map(|bin| square(*bin)).sum::<f64>() / count as f64;
-        Scores {
+        Some(Scores {
             within_1pct: right as f64 / count as f64,
             median_pct: 100.0 * f64::from(median),
-            normal_deg: self.angles / self.num_angles.max(1) as f64,
+            normal_deg: (self.num_angles > 0).then(|| self.angles / self.num_angles as f64),
             calibration: calibration.sqrt(),
-        }
+        })
     }
 }
 
@@ -92,11 +92,11 @@ pub fn validate(
         let depth = values(prediction.maps.depth);
         let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;
-        let pixels = sample.depth[0].len();
+        let pixels = sample.num_pixels();
         for v in 0..sample.num_views() {
-            let camera = &sample.cameras[v];
+            let (camera, known) = (&sample.cameras[v], &sample.truth[v]);
             for i in 0..pixels {
-                let truth = sample.depth[v].as_slice()[i];
+                let truth = known.depth_at(i);
                 if truth <= 0.0 {
                     continue;
                 }
@@ -109,13 +109,13 @@ pub fn validate(
                     (error(1.0 / plane[0]), seed.confidence.as_slice()[i], plane_normal(camera, pixel, plane));
                 let learned =
                     (error(depth[k]), confidence[k], normal_from_rotation(camera, pixel.0, pixel.1, rotations[k]));
-                let normal = sample.normal[v].as_slice()[i];
+                let normal = known.normal_at(i);
                 for (method, (relative, confidence, predicted)) in [matched, learned].into_iter().enumerate() {
-                    let groups = if sample.object[v].as_slice()[i] { 0..2 } else { 0..1 };
+                    let groups = if known.is_object(i) { 0..2 } else { 0..1 };
                     for group in groups {
                         let tally = &mut tallies[2 * group + method];
                         tally.add(relative, confidence);
-                        if normal != [0.0; 3] {
+                        if let Some(normal) = normal {
                             tally.add_angle(predicted, normal);
                         }
                     }

@@ -41,6 +41,8 @@ fn what_is_missing_or_weighs_nothing_is_skipped() {
     assert_eq!(names(&terms(&rendered, &bare, &recipe).expect("equal sizes")), ["photometric"]);
     let nothing = Recipe { photometric: 0.0, ..recipe };
     assert!(terms(&rendered, &bare, &nothing).expect("equal sizes").total().is_none());
+    let can_tell = |truth: &Truth, recipe: &Recipe| recipe.can_tell(truth);
+    assert!(can_tell(&bare, &recipe) && can_tell(&everything(), &nothing) && !can_tell(&bare, &nothing));
 }
 
 #[test]

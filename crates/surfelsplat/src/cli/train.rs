@@ -68,19 +68,20 @@ impl Watcher for Console {
     }
 
     fn validated(&self, step: u64, validation: &Validation) {
-        let line = |name: &str, scores: &Scores| {
+        let line = |name: &str, scores: Option<Scores>| {
+            let Some(scores) = scores else { return format!("  {name}: no true depth to score against") };
+            let normals = scores.normal_deg.map_or_else(String::new, |angle| format!("normals {angle:.2} deg, "));
             format!(
-                "  {name}: {:.2} % within 1 %, median {:.3} %, normals {:.2} deg, calibration {:.3}",
+                "  {name}: {:.2} % within 1 %, median {:.3} %, {normals}calibration {:.3}",
                 100.0 * scores.within_1pct,
                 scores.median_pct,
-                scores.normal_deg,
                 scores.calibration
             )
         };
         self.say(&format!("validation after step {step}"));
-        self.say(&line("matching", &validation.matching));
-        self.say(&line("network ", &validation.network));
-        self.say(&line("matching, objects", &validation.matching_objects));
-        self.say(&line("network,  objects", &validation.network_objects));
+        self.say(&line("matching", validation.matching));
+        self.say(&line("network ", validation.network));
+        self.say(&line("matching, objects", validation.matching_objects));
+        self.say(&line("network,  objects", validation.network_objects));
     }
 }

@@ -1,0 +1,183 @@
+//! A sample as a file: safetensors with cameras, photographs in 8 bits, matching's answer, and the truth.
+//!
+//! Under `cache`. Invariant: what is read is what was written, damage is an error that names the file, and a file
+//! appears whole or not at all.
+
+use crate::error::TrainError;
+use crate::sample::Sample;
+use crate::truth::{Hole, TrueDepth, ViewTruth};
+use glam::{DMat3, DVec3};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use std::path::Path;
+use surfel_core::{Camera, Grid, Intrinsics, Rigid};
+use surfel_net::{DepthRange, Seed};
+
+/// Values of a camera and of its range: size, intrinsics, rotation, translation, near, far, step.
+const CAMERA: usize = 2 + 4 + 9 + 3 + 2 + 1;
+/// Values of a pixel of a seed: plane, evidence, correlation, confidence.
+const SEED: usize = 7;
+
+/// Flags of a view: see [`known_values`].
+const KNOWN: usize = 4;
+
+/// Writes a sample.
+///
+/// # Errors
+/// When the file cannot be written.
+pub(crate) fn write(sample: &Sample, path: &Path) -> Result<(), TrainError> {
+    let (width, height) = sample.size();
+    let views = sample.num_views();
+    let (mut cameras, mut image, mut seed) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut truth, mut known) = (Vec::new(), Vec::new());
+    for v in 0..views {
+        cameras.extend(camera_values(&sample.cameras[v], &sample.ranges[v], sample.seeds[v].step));
+        image.extend(sample.images[v].as_slice().as_flattened().iter().map(|c| (255.0 * c).round() as u8));
+        for i in 0..width * height {
+            let of = &sample.seeds[v];
+            let [w, w_x, w_y] = of.planes.as_slice()[i];
+            let [at, weight] = of.evidence.as_slice()[i];
+            seed.extend([w, w_x, w_y, at, weight, of.correlation.as_slice()[i], of.confidence.as_slice()[i]]);
+            let true_of = &sample.truth[v];
+            let [x, y, z] = true_of.normal_at(i).unwrap_or([0.0; 3]);
+            truth.extend([true_of.depth_at(i), x, y, z, if true_of.is_object(i) { 1.0 } else { 0.0 }]);
+        }
+        known.extend(known_values(&sample.truth[v]));
+    }
+    let bytes = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|value| value.to_le_bytes()).collect() };
+    let cameras: Vec<u8> = cameras.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let (seed, truth) = (bytes(&seed), bytes(&truth));
+    let damaged = |reason: String| TrainError::Damaged { path: path.to_path_buf(), reason };
+    let tensor = |dtype, channels: usize, data| TensorView::new(dtype, vec![views, height, width, channels], data);
+    let tensors = [
+        ("cameras", TensorView::new(Dtype::F64, vec![views, CAMERA], &cameras)),
+        ("image", tensor(Dtype::U8, 3, image.as_slice())),
+        ("seed", tensor(Dtype::F32, SEED, &seed)),
+        ("truth", tensor(Dtype::F32, 5, &truth)),
+        ("known", TensorView::new(Dtype::U8, vec![views, KNOWN], &known)),
+    ];
+    let tensors = tensors.into_iter().map(|(name, view)| view.map(|view| (name, view)));
+    let tensors = tensors.collect::<Result<Vec<_>, _>>().map_err(|error| damaged(error.to_string()))?;
+    let file = safetensors::serialize(tensors, None).map_err(|error| damaged(error.to_string()))?;
+    let beside = path.with_extension(format!("part{}", std::process::id()));
+    std::fs::write(&beside, file).map_err(TrainError::unwritable(&beside))?;
+    std::fs::rename(&beside, path).map_err(TrainError::unwritable(path))
+}
+
+/// Reads a sample.
+///
+/// # Errors
+/// [`TrainError::Damaged`] for anything but what [`write`] writes.
+pub(crate) fn read(path: &Path) -> Result<Sample, TrainError> {
+    let bytes = std::fs::read(path).map_err(TrainError::unreadable(path))?;
+    sample_of(&bytes).map_err(|reason| TrainError::Damaged { path: path.to_path_buf(), reason })
+}
+
+fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
+    let file = SafeTensors::deserialize(bytes).map_err(|error| error.to_string())?;
+    let tensor = |name: &str| file.tensor(name).map_err(|error| error.to_string());
+    let (cameras, image, seed, truth) = (tensor("cameras")?, tensor("image")?, tensor("seed")?, tensor("truth")?);
+    let [views, height, width, 3] = *image.shape() else { return Err("the images have another layout".to_owned()) };
+    let shapes = [(cameras.shape(), vec![views, CAMERA]), (seed.shape(), vec![views, height, width, SEED])];
+    if shapes.iter().any(|(found, expected)| found != expected) || truth.shape() != [views, height, width, 5] {
+        return Err("its maps differ in size".to_owned());
+    }
+    let known = match file.tensor("known") {
+        Ok(known) if known.shape() == [views, KNOWN] => known.data().as_chunks::<KNOWN>().0.to_vec(),
+        Ok(_) => return Err("what is known of its views has another layout".to_owned()),
+        // Files from before real photographs were trained on hold rendered scenes.
+        Err(_) => vec![[1; KNOWN]; views],
+    };
+    let cameras: Vec<f64> = cameras.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+    let floats = |data: &[u8]| -> Vec<f32> { data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect() };
+    let (seed, truth) = (floats(seed.data()), floats(truth.data()));
+    let (seed, truth) = (seed.as_chunks::<SEED>().0, truth.as_chunks::<5>().0);
+    let colours = image.data().as_chunks::<3>().0;
+    let pixels = width * height;
+    let mut sample =
+        Sample { images: Vec::new(), cameras: Vec::new(), ranges: Vec::new(), seeds: Vec::new(), truth: Vec::new() };
+    for v in 0..views {
+        let (camera, range, step) = camera_from_values(&cameras[v * CAMERA..][..CAMERA]);
+        let (seed, truth) = (&seed[v * pixels..][..pixels], &truth[v * pixels..][..pixels]);
+        let colours = &colours[v * pixels..][..pixels];
+        sample.images.push(map(width, height, colours, |rgb| rgb.map(|c| f32::from(c) / 255.0)));
+        sample.seeds.push(Seed {
+            planes: map(width, height, seed, |s| [s[0], s[1], s[2]]),
+            evidence: map(width, height, seed, |s| [s[3], s[4]]),
+            correlation: map(width, height, seed, |s| s[5]),
+            confidence: map(width, height, seed, |s| s[6]),
+            step,
+        });
+        let [depth, empty, normal, object] = known[v].map(|flag| flag != 0);
+        let hole = if empty { Hole::Empty } else { Hole::Unmeasured };
+        sample.truth.push(ViewTruth {
+            depth: depth.then(|| TrueDepth { map: map(width, height, truth, |t| t[0]), hole }),
+            normal: normal.then(|| map(width, height, truth, |t| [t[1], t[2], t[3]])),
+            object: object.then(|| map(width, height, truth, |t| t[4] > 0.5)),
+        });
+        sample.cameras.push(camera);
+        sample.ranges.push(range);
+    }
+    Ok(sample)
+}
+
+/// Whether depth, where it ends, normals and objects are known.
+fn known_values(truth: &ViewTruth) -> [u8; KNOWN] {
+    let ends = truth.depth.as_ref().is_some_and(|depth| depth.hole == Hole::Empty);
+    [truth.depth.is_some(), ends, truth.normal.is_some(), truth.object.is_some()].map(u8::from)
+}
+
+fn map<S, T>(width: usize, height: usize, values: &[S], value: impl Fn(&S) -> T) -> Grid<T> {
+    Grid::from_vec(width, height, values.iter().map(value).collect())
+}
+
+fn camera_values(camera: &Camera, range: &DepthRange, step: f32) -> [f64; CAMERA] {
+    let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
+    let r = camera.camera_from_world.rotation.to_cols_array();
+    let t = camera.camera_from_world.translation;
+    let mut values = [0.0; CAMERA];
+    values[..6].copy_from_slice(&[camera.width as f64, camera.height as f64, fx, fy, cx, cy]);
+    values[6..15].copy_from_slice(&r);
+    values[15..].copy_from_slice(&[t.x, t.y, t.z, range.near, range.far, f64::from(step)]);
+    values
+}
+
+fn camera_from_values(values: &[f64]) -> (Camera, DepthRange, f32) {
+    let rotation: [f64; 9] = std::array::from_fn(|i| values[6 + i]);
+    let camera = Camera {
+        intrinsics: Intrinsics { fx: values[2], fy: values[3], cx: values[4], cy: values[5] },
+        width: values[0] as usize,
+        height: values[1] as usize,
+        camera_from_world: Rigid {
+            rotation: DMat3::from_cols_array(&rotation),
+            translation: DVec3::new(values[15], values[16], values[17]),
+        },
+    };
+    (camera, DepthRange { near: values[18], far: values[19] }, values[20] as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::tests::analytic;
+
+    #[test]
+    fn what_is_not_known_stays_unknown_and_files_without_word_of_it_know_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sample.safetensors");
+        let whole = analytic(3);
+        let mut sample = whole.clone();
+        sample.truth[0] = ViewTruth::default();
+        sample.truth[1].normal = None;
+        sample.truth[1].depth.as_mut().unwrap().hole = Hole::Unmeasured;
+        write(&sample, &path).unwrap();
+        assert_eq!(read(&path).unwrap().truth, sample.truth);
+
+        write(&whole, &path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let old: Vec<_> = file.tensors().into_iter().filter(|(name, _)| name != "known").collect();
+        assert_eq!(old.len(), 4);
+        std::fs::write(&path, safetensors::serialize(old, None).unwrap()).unwrap();
+        assert_eq!(read(&path).unwrap().truth, whole.truth);
+    }
+}
