@@ -21,6 +21,7 @@ mod rendered;
 pub mod sample;
 mod sample_file;
 pub mod schedule;
+mod slope;
 pub mod source;
 pub mod state;
 pub mod trainer;

@@ -9,6 +9,7 @@ use crate::error::TrainError;
 use crate::facing::facing;
 use crate::rendered::{self, RenderedWeights};
 use crate::sample::Sample;
+use crate::slope::slope;
 use crate::truth_tensors::TruthTensors;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,9 @@ pub struct LossWeights {
     /// The same of the planes under the surfels, before the head's say.
     #[serde(default)]
     pub plane_normal: f64,
+    /// How the depth map runs from pixel to pixel.
+    #[serde(default)]
+    pub slope: f64,
     /// Belief in the planes that are proposed to each block.
     #[serde(default)]
     pub choice: f64,
@@ -149,6 +153,10 @@ pub fn terms(
     add("choice", knows_depth, weights.choice, &|| {
         said.maps.choice.as_ref().map(|choice| divergence(choice, sample, weights.object_factor, device))
     });
+    add("slope", knows_depth, weights.slope, &|| {
+        let steps = |map: &Tensor<3>| map.clone() * inverse_step.clone();
+        Some(slope(steps(&predicted), steps(&inverse_depth), has_depth.clone() * counts.clone()))
+    });
     add("opacity", knows_depth, weights.opacity, &|| Some(opacity()));
     if let (Some([_, surfels]), true) = (said.surfels, weights.rendered.is_some()) {
         terms.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
@@ -173,6 +181,7 @@ mod tests {
         initial_normal: 0.0,
         plane_normal: 1.0,
         choice: 0.0,
+        slope: 1.0,
         opacity: 1.0,
         object_factor: 3.0,
         rendered: RenderedWeights {
