@@ -58,7 +58,7 @@ mod tests {
         let edge = |at: usize| map(move |x, _| if x < at { 0.0 } else { 8.0 });
         // One pixel beside the edge jumps where the truth is flat: the clamp keeps that below a step each.
         assert!(cost(edge(5), edge(5)) < 1e-6);
-        let rough = |x: usize, y: usize| ramp(x, y) + if (x + y) % 2 == 0 { 0.05 } else { -0.05 };
+        let rough = |x: usize, y: usize| ramp(x, y) + if (x + y).is_multiple_of(2) { 0.05 } else { -0.05 };
         assert!((cost(map(rough), map(ramp)) - 0.1).abs() < 1e-4);
     }
 
