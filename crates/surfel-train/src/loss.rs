@@ -218,12 +218,12 @@ mod tests {
         let upper_half = |depth: &mut TrueDepth| (0..16).for_each(|y| (0..48).for_each(|x| depth.map[(x, y)] = 0.0));
         rendered.truth.iter_mut().for_each(|view| upper_half(view.depth.as_mut().unwrap()));
         let names = |sample: &Sample| named(sample, &rendered, |z| z > 0.0).iter().map(|t| t.0).collect::<Vec<_>>();
-        assert_eq!(names(&rendered), ["depth", "plane_normal", "opacity"]);
+        assert_eq!(names(&rendered), ["depth", "plane_normal", "slope", "opacity"]);
         let mut sample = rendered.clone();
         sample.truth.iter_mut().for_each(|view| view.normal = None);
-        assert_eq!(names(&sample), ["depth", "opacity"]);
+        assert_eq!(names(&sample), ["depth", "slope", "opacity"]);
         sample.truth[0] = ViewTruth::default();
-        assert_eq!(names(&sample), ["depth", "opacity"]);
+        assert_eq!(names(&sample), ["depth", "slope", "opacity"]);
         sample.truth[1] = ViewTruth::default();
         assert!(names(&sample).is_empty());
 
