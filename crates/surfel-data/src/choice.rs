@@ -43,9 +43,11 @@ impl Ramp {
     }
 }
 
-/// Chooses from a clip: two contexts a gap apart, targets between them.
+/// Chooses from a clip: the outermost contexts a gap apart, further contexts evenly and targets anywhere between them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GapChooser {
+    /// Number of contexts, at least 2.
+    pub num_contexts: usize,
     /// Smallest gap.
     pub min_gap: Ramp,
     /// Largest gap.
@@ -61,6 +63,7 @@ impl GapChooser {
     pub fn clips() -> Self {
         let steps = 150_000;
         Self {
+            num_contexts: 2,
             min_gap: Ramp { first: 25, last: 45, steps },
             max_gap: Ramp { first: 45, last: 192, steps },
             margin: 0,
@@ -70,17 +73,18 @@ impl GapChooser {
 
     /// A choice from a clip of `num_views`; `None` when the clip is too short for the smallest gap or its targets.
     pub fn choose(&self, num_views: usize, step: usize, random: &mut Random) -> Option<Choice> {
-        let margin = self.margin.max(1);
-        // From left + margin to right - margin there are gap - 2 margin + 1 views.
-        let room = self.num_targets + 2 * margin - 1;
+        let (margin, last) = (self.margin.max(1), self.num_contexts.max(2) - 1);
+        // From left + margin to right - margin there are gap - 2 margin + 1 views, some of them contexts.
+        let room = self.num_targets + 2 * margin - 1 + (last - 1);
         let smallest = self.min_gap.at(step).max(room).max(1);
         let largest = self.max_gap.at(step).min(num_views.checked_sub(1)?);
         let count = (largest + 1).checked_sub(smallest).filter(|count| *count > 0)?;
         let gap = smallest + random.below(count);
         let left = random.below(num_views - gap);
-        let between = (left + margin..=left + gap - margin).collect();
+        let contexts: Vec<usize> = (0..=last).map(|i| left + gap * i / last).collect();
+        let between = (left + margin..=left + gap - margin).filter(|view| !contexts.contains(view)).collect();
         let targets = drawn(between, self.num_targets, random);
-        Some(Choice { contexts: vec![left, left + gap], targets })
+        Some(Choice { contexts, targets })
     }
 }
 
@@ -155,17 +159,20 @@ mod tests {
         #[test]
         fn a_gap_choice_keeps_every_promise(
             num_views in 0usize..80, least in 0usize..30, more in 0usize..40,
-            margin in 0usize..5, num_targets in 0usize..6, seed in any::<u64>(),
+            margin in 0usize..5, num_contexts in 2usize..5, num_targets in 0usize..6, seed in any::<u64>(),
         ) {
             let (min_gap, max_gap) = (Ramp::constant(least), Ramp::constant(least + more));
-            let chooser = GapChooser { min_gap, max_gap, margin, num_targets };
+            let chooser = GapChooser { num_contexts, min_gap, max_gap, margin, num_targets };
             let choice = chooser.choose(num_views, 0, &mut Random::new(seed));
             prop_assert_eq!(&choice, &chooser.choose(num_views, 0, &mut Random::new(seed)));
-            let room = num_targets + 2 * margin.max(1) - 1;
+            let room = num_targets + 2 * margin.max(1) - 1 + (num_contexts - 2);
             let possible = least.max(room).max(1) <= (least + more).min(num_views.saturating_sub(1));
             prop_assert_eq!(choice.is_some(), possible);
             if let Some(choice) = choice {
-                let [left, right] = choice.contexts[..] else { panic!() };
+                prop_assert_eq!(choice.contexts.len(), num_contexts);
+                let (left, right) = (choice.contexts[0], choice.contexts[num_contexts - 1]);
+                let gaps = choice.contexts.windows(2).map(|pair| pair[1] - pair[0]);
+                prop_assert!(gaps.clone().max().unwrap() <= gaps.min().unwrap() + 1);
                 prop_assert!(right < num_views && right > left && (least..=least + more).contains(&(right - left)));
                 prop_assert_eq!(choice.targets.len(), num_targets);
                 prop_assert!(distinct(&choice));
@@ -204,7 +211,8 @@ mod tests {
     /// The mistake this replaces: a gap that never leaves its smallest value.
     #[test]
     fn every_gap_every_place_and_every_target_occurs() {
-        let chooser = GapChooser { min_gap: Ramp::constant(3), max_gap: Ramp::constant(6), margin: 1, num_targets: 2 };
+        let (min_gap, max_gap) = (Ramp::constant(3), Ramp::constant(6));
+        let chooser = GapChooser { num_contexts: 2, min_gap, max_gap, margin: 1, num_targets: 2 };
         let mut random = Random::new(5);
         let (mut gaps, mut lefts, mut targets) = ([0; 7], BTreeSet::new(), BTreeSet::new());
         for _ in 0..4000 {

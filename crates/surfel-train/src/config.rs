@@ -39,9 +39,9 @@ pub struct TrainConfig {
     pub every: Intervals,
 }
 
-/// A source and how many of its samples are used.
+/// A source and how many of its samples are used. Keys that are unknown here and to every source are refused by the
+/// kind of source, the last to be asked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct SourceEntry {
     /// How many.
     pub num_samples: u64,
@@ -93,10 +93,11 @@ impl TrainConfig {
             ("every.checkpoint", config.every.checkpoint > 0),
             ("train (its num_samples)", config.num_samples() > 0),
         ];
-        match positive.iter().find(|(_, ok)| !ok) {
+        let checked = match positive.iter().find(|(_, ok)| !ok) {
             Some((key, _)) => Err(format!("{key} must be above 0")),
-            None => Ok(config),
-        }
+            None => config.train.iter().chain(&config.validation).try_for_each(|entry| entry.source.check()),
+        };
+        checked.map(|()| config)
     }
 
     /// The network's settings.
@@ -131,5 +132,33 @@ mod tests {
         assert!(!depth.loss.needs_surfels() && surfels.loss.needs_surfels());
         let misspelt = include_str!("../configs/small.toml").replace("plane_normal", "plain_normal");
         assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
+    }
+
+    /// A configuration whose first source is another.
+    fn with_source(source: &str) -> Result<TrainConfig, String> {
+        let text = include_str!("../configs/small.toml");
+        let first = text.find("[[train]]").expect("a source");
+        let size = "num_samples = 5\nseed = 1\nwidth = 64\nheight = 48";
+        TrainConfig::from_toml(&format!("{}[[train]]\n{size}\n{source}\n{}", &text[..first], &text[first..]))
+    }
+
+    #[test]
+    fn every_kind_of_source_knows_its_own_keys_only() {
+        let re10k = "num_views = 2\nkind = \"re10k\"\nfolder = \"set\"\nmin_gap = 20\nmax_gap = 40";
+        let config = with_source(re10k).unwrap();
+        assert_eq!(TrainConfig::from_toml(&toml::to_string(&config).unwrap()).unwrap(), config);
+        let refused = |source: &str, words: &[&str]| {
+            let error = with_source(source).unwrap_err();
+            words.iter().for_each(|words| assert!(error.contains(words), "{words:?} is not in: {error}"));
+        };
+        refused(&format!("{re10k}\nroom_share = 0.1"), &["room_share", "expected", "min_gap"]);
+        refused("num_views = 2\nkind = \"scans\"\nroom_share = 0.1\nfolder = \"set\"", &["`folder`", "pair_angle_deg"]);
+        refused("num_views = 2\nkind = \"analytic\"\nlight = 3", &["`light`"]);
+        refused("num_views = 2\nkind = \"dtu\"\nfolder = \"set\"\nmin_gap = 1", &["`min_gap`", "`light`"]);
+        refused("num_views = 2\nkind = \"re10k\"\nmin_gap = 1\nmax_gap = 2", &["folder"]);
+        refused("num_views = 2\nkind = \"film\"", &["film", "blended_mvs"]);
+        refused(&re10k.replace("20", "50"), &["re10k", "min_gap = 50 and max_gap = 40"]);
+        refused(&re10k.replace("num_views = 2", "num_views = 1"), &["num_views = 1", "at least 2"]);
+        refused("num_views = 2\nkind = \"dtu\"\nfolder = \"set\"\nlight = 7", &["light = 7", "0 to 6"]);
     }
 }

@@ -31,6 +31,29 @@ pub enum TrainError {
         /// What is wrong.
         reason: String,
     },
+    /// A folder of photographs that is not laid out as its kind is, or is empty.
+    #[error("{source}; `folder` of a source of kind {kind} names {expected}")]
+    Layout {
+        /// The kind of source.
+        kind: &'static str,
+        /// What its folder should be.
+        expected: &'static str,
+        /// What is missing.
+        source: Box<surfel_data::DataError>,
+    },
+    /// A set in which no scene can be used as the source asks.
+    #[error("{folder}: of {draws} scenes drawn none can be used; the last: {reason}")]
+    NoUsableScene {
+        /// The folder of the set.
+        folder: PathBuf,
+        /// Number of scenes tried.
+        draws: usize,
+        /// What is wrong with the last, and what to do.
+        reason: String,
+    },
+    /// A photograph, camera or chunk that cannot be used.
+    #[error(transparent)]
+    Data(Box<surfel_data::DataError>),
     /// Samples of which no term of the loss knows the truth.
     #[error(
         "step {step} has nothing to learn from: its samples know nothing that a term of the loss asks for; give weights to terms of [loss.rendered], which photographs alone can tell"
@@ -83,6 +106,12 @@ pub enum TrainError {
     /// A scene the network refuses.
     #[error(transparent)]
     Input(#[from] surfel_net::InputError),
+}
+
+impl From<surfel_data::DataError> for TrainError {
+    fn from(error: surfel_data::DataError) -> Self {
+        Self::Data(Box::new(error))
+    }
 }
 
 impl TrainError {

@@ -1,7 +1,7 @@
-//! Training of the surfel network: rendered samples, losses, optimiser, checkpoints.
+//! Training of the surfel network: samples, losses, optimiser, checkpoints.
 //!
-//! Sits beside the road: `surfel-synth` renders posed scenes with exact truth, `surfel-stereo` matches them as
-//! the road would, and the network learns to do better. Invariant: a run is its configuration and its seed; one
+//! Sits beside the road: `surfel-synth` renders posed scenes with exact truth, `surfel-data` reads photographs of which
+//! less is known, `surfel-stereo` matches them as the road would, and the network learns to do better. Invariant: a run is its configuration and its seed; one
 //! that was stopped and resumed is the same run.
 
 // burn's nested tensor types exceed the compiler's default depth.

@@ -30,7 +30,7 @@ struct Panels {
 /// # Errors
 /// When the network refuses the sample or the file cannot be written.
 pub(crate) fn write(net: &SurfelNet, sample: &Sample, path: &Path) -> Result<(), TrainError> {
-    let prediction = net.forward(&sample.input(), &net.device())?;
+    let prediction = net.forward(&sample.input(net.config()), &net.device())?;
     let (depth, confidence) = (values(prediction.maps.depth), values(prediction.maps.confidence));
     let surfels = prediction.surfels.to_surfels();
     let (width, height) = sample.size();

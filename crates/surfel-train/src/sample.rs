@@ -1,12 +1,12 @@
 //! One training sample: posed photographs, what matching says of them, and the truth.
 //!
-//! Made by [`Sample::of`] from rendered views, exactly as the road prepares a scene. Invariant: every map has the
-//! size of its photograph, and every view says which truth is known of it.
+//! Made by [`Sample::matched`], exactly as the road prepares a scene. Invariant: every map has the size of its
+//! photograph, and every view says which truth is known of it.
 
 use crate::error::TrainError;
 use crate::truth::ViewTruth;
 use surfel_core::{Camera, Grid, View};
-use surfel_net::{DepthRange, SceneInput, Seed};
+use surfel_net::{DepthRange, NetConfig, SceneInput, Seed};
 use surfel_stereo::MatchConfig;
 use surfel_stereo::photographs::match_photographs;
 use surfel_synth::{Random, RenderedView};
@@ -37,12 +37,20 @@ impl Sample {
     /// # Errors
     /// When the views show no surface or the pretrained features cannot be read.
     pub fn of(rendered: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
+        let range = searched_range(rendered, random).ok_or(TrainError::EmptyScene)?;
+        let views = rendered.iter().map(|rendered| rendered.view.clone()).collect();
+        Self::matched(views, range, rendered.iter().map(ViewTruth::of_rendered).collect())
+    }
+
+    /// Matches views in a range of depths, scene units; `truth` is what is known of each.
+    ///
+    /// # Errors
+    /// When the pretrained features cannot be read.
+    pub fn matched(views: Vec<View>, range: DepthRange, truth: Vec<ViewTruth>) -> Result<Self, TrainError> {
         // Photographs have 8 bits, and a sample read back from disk must be the one that was matched.
         let in_8_bits = |rgb: &[f32; 3]| rgb.map(|c| (255.0 * c).round().clamp(0.0, 255.0) / 255.0);
-        let view =
-            |rendered: &RenderedView| View { image: rendered.view.image.map(in_8_bits), ..rendered.view.clone() };
-        let views: Vec<View> = rendered.iter().map(view).collect();
-        let range = searched_range(rendered, random).ok_or(TrainError::EmptyScene)?;
+        let views: Vec<View> =
+            views.into_iter().map(|view| View { image: view.image.map(in_8_bits), ..view }).collect();
         let ranges = vec![range; views.len()];
         let neighbours: Vec<Vec<usize>> =
             (0..views.len()).map(|v| (0..views.len()).filter(|&other| other != v).collect()).collect();
@@ -53,7 +61,7 @@ impl Sample {
             cameras: views.iter().map(|view| view.camera).collect(),
             images: views.into_iter().map(|view| view.image).collect(),
             ranges,
-            truth: rendered.iter().map(ViewTruth::of_rendered).collect(),
+            truth,
         })
     }
 
@@ -72,9 +80,10 @@ impl Sample {
         self.images[0].len()
     }
 
-    /// What the network is given of it.
-    pub fn input(&self) -> SceneInput<'_> {
-        SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds: &self.seeds }
+    /// What a network is given of it; what matching found only if it starts from there.
+    pub fn input(&self, network: &NetConfig) -> SceneInput<'_> {
+        let seeds = if network.seeded.is_some() { self.seeds.as_slice() } else { &[] };
+        SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds }
     }
 }
 

@@ -231,7 +231,7 @@ impl Trainer {
 
     /// What is wrong with the network's answer; surfels are made only when a term looks at them.
     fn terms(&self, sample: &Sample) -> Result<Terms, TrainError> {
-        let (input, weights) = (sample.input(), &self.config.loss);
+        let (input, weights) = (sample.input(self.net.config()), &self.config.loss);
         if weights.needs_surfels() {
             let prediction = self.net.forward(&input, &self.device)?;
             return loss::terms((&prediction).into(), sample, weights, &self.perceptual, &self.device);

@@ -88,7 +88,7 @@ pub fn validate(
     let mut tallies: [Tally; 4] = Default::default();
     for sample in samples {
         let sample = sample?;
-        let prediction = net.forward(&sample.input(), &net.device())?;
+        let prediction = net.forward(&sample.input(net.config()), &net.device())?;
         let depth = values(prediction.maps.depth);
         let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;

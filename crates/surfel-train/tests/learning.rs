@@ -14,7 +14,7 @@ fn config(rate: f64, steps: u64) -> TrainConfig {
         .replace("channels = 24, multipliers = [1, 2, 2, 4]", "channels = 8, multipliers = [1, 2]")
         .replace("num_candidates = 9, step = 0.5, channels = 16", "num_candidates = 5, step = 0.5, channels = 8")
         .replace("channels = 32\nnum_heads = 2", "channels = 16\nnum_heads = 2");
-    let source = "kind = \"analytic\"\nwidth = 64\nheight = 48\nnum_views = 2\nroom_share = 0.0\n";
+    let source = "kind = \"analytic\"\nwidth = 64\nheight = 48\nnum_views = 2\n";
     let text = format!(
         "network = '''\n{network}'''\nseed = 5\nsteps = {steps}\nbatch = 1\nclip = 1.0\naveraging = 0.8\n\
          [rate]\nrate = {rate:e}\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\

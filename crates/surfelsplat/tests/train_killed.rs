@@ -58,7 +58,6 @@ kind = \"analytic\"
 width = 64
 height = 48
 num_views = 2
-room_share = 0.0
 [[validation]]
 num_samples = 1
 seed = 2
@@ -66,7 +65,6 @@ kind = \"analytic\"
 width = 64
 height = 48
 num_views = 2
-room_share = 0.0
 [every]
 log = 1
 validate = 1000

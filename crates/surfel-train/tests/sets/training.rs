@@ -1,0 +1,93 @@
+//! Two steps on each set: what is known is taught, what is not is neither taught nor stated.
+
+use crate::layouts::{blended_mvs, clips, dtu};
+use std::path::Path;
+use surfel_synth::Split;
+use surfel_train::source::Source;
+use surfel_train::trainer::StepReport;
+use surfel_train::validate::Validation;
+use surfel_train::{Places, TrainConfig, Trainer, Watcher};
+
+/// A run of two steps on a source, written in TOML without its size.
+pub fn config(source: &str) -> TrainConfig {
+    let source = format!("num_samples = 4\nseed = 1\nwidth = 64\nheight = 48\nnum_views = 2\n{source}\n");
+    let text = format!(
+        "network = \"tiny\"\nseed = 5\nsteps = 2\nbatch = 1\nclip = 1.0\n\
+         [rate]\nrate = 1e-3\nrise = 0.1\nfirst_division = 10.0\nlast_division = 10.0\n\
+         [loss]\ndepth = 1.0\nnormal = 1.0\ninitial_normal = 0.5\nopacity = 0.2\nobject_factor = 3.0\n\
+         rendered = {{ photometric = 1.0, perceptual = 0.05, depth = 0.1, normal = 0.1, silhouette = 0.1 }}\n\
+         [[train]]\n{source}[[validation]]\n{source}\
+         [every]\nlog = 1\nvalidate = 2\ncheckpoint = 2\npictures = 2\n"
+    );
+    TrainConfig::from_toml(&text).unwrap()
+}
+
+struct Silent;
+
+impl Watcher for Silent {
+    fn logged(&self, _: &StepReport) {}
+    fn validated(&self, _: u64, _: &Validation) {}
+}
+
+/// Names of the terms of every step, and the validation at the end.
+fn trained(config: TrainConfig, folder: &Path) -> (Vec<Vec<String>>, serde_json::Value) {
+    let (run, cache) = (folder.join("run"), folder.join("samples"));
+    let mut trainer = Trainer::new(config, &run, Places { cache: Some(&cache), ..Places::default() }).unwrap();
+    trainer.run(2, &Silent).unwrap();
+    let metrics = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    let lines: Vec<serde_json::Value> = metrics.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let names = |line: &serde_json::Value| line["terms"].as_object().unwrap().keys().cloned().collect();
+    (lines[..2].iter().map(names).collect(), lines[2]["validation"].clone())
+}
+
+const OF_PHOTOGRAPHS: [&str; 2] = ["photometric", "ssim"];
+const OF_MEASURED: [&str; 5] = ["depth", "opacity", "photometric", "rendered_depth", "ssim"];
+
+#[test]
+fn clips_teach_what_photographs_alone_can_tell() {
+    for kind in ["re10k", "acid"] {
+        let folder = tempfile::tempdir().unwrap();
+        // One clip is too short and passed over.
+        clips(&folder.path().join("set"), &[7, 2, 6]);
+        let source = format!("kind = \"{kind}\"\nfolder = {:?}\nmin_gap = 2\nmax_gap = 4", folder.path().join("set"));
+        let (terms, validation) = trained(config(&source), folder.path());
+        assert_eq!(terms, [OF_PHOTOGRAPHS; 2]);
+        assert!(validation["network"].is_null() && validation["matching"].is_null(), "{validation}");
+        assert!(!folder.path().join("run/best.safetensors").exists());
+    }
+}
+
+#[test]
+fn dtu_and_blended_mvs_teach_measured_depth_and_nothing_of_its_holes() {
+    for (kind, write) in [("dtu", dtu as fn(&Path, usize)), ("blended_mvs", blended_mvs)] {
+        let folder = tempfile::tempdir().unwrap();
+        write(&folder.path().join("set"), 5);
+        let source = format!("kind = \"{kind}\"\nfolder = {:?}", folder.path().join("set"));
+        let (terms, validation) = trained(config(&source), folder.path());
+        assert_eq!(terms, [OF_MEASURED; 2]);
+        let matching = &validation["matching"];
+        // Matching an easy scene with the right cameras and range is right; with wrong ones it is not.
+        assert!(matching["median_pct"].as_f64().unwrap() < 2.0, "{kind}: {matching}");
+        assert!(matching["normal_deg"].is_null() && validation["matching_objects"].is_null(), "{validation}");
+        assert!(folder.path().join("run/best.safetensors").exists());
+    }
+}
+
+#[test]
+fn a_number_is_a_sample() {
+    let folder = tempfile::tempdir().unwrap();
+    dtu(folder.path(), 5);
+    let config = config(&format!("kind = \"dtu\"\nfolder = {:?}", folder.path()));
+    let open = || Source::open(&config.train[0].source, Split::Train, None).unwrap();
+    let source = open();
+    let (first, second) = (source.sample(0).unwrap(), source.sample(1).unwrap());
+    assert_eq!(
+        (source.sample(0).unwrap().images, open().sample(1).unwrap().truth),
+        (first.images.clone(), second.truth.clone())
+    );
+    assert_ne!(first.images, second.images);
+    let holes = |y: usize| (0..64).filter(|x| first.truth[0].depth_at(64 * y + x) == 0.0).count();
+    assert!(holes(2) == 64 && holes(46) < 3, "{} and {}", holes(2), holes(46));
+    assert!(first.truth.iter().all(|view| view.normal.is_none() && view.object.is_none()));
+    assert!(first.truth.iter().all(|view| !view.knows_surface_at(0) && view.knows_surface_at(64 * 46)));
+}
