@@ -115,7 +115,7 @@ mod tests {
     fn sharpening_steepens_an_edge_and_leaves_flat_light_alone() {
         let edge = Grid::from_fn(16, 8, |x, _| [if x < 8 { 0.2 } else { 0.6 }; 3]);
         let sharp = sharpened(&edge, 0.5);
-        assert_eq!(sharp[(2, 4)], edge[(2, 4)]);
+        assert!((sharp[(2, 4)][0] - edge[(2, 4)][0]).abs() < 1e-6, "{:?}", sharp[(2, 4)]);
         assert!(sharp[(7, 4)][0] < 0.19 && sharp[(8, 4)][0] > 0.61, "{:?} {:?}", sharp[(7, 4)], sharp[(8, 4)]);
     }
 
