@@ -70,6 +70,8 @@ pub struct SceneOptions {
     pub distance_in_radii: f64,
     /// Angle between neighbouring cameras, degrees.
     pub pair_angle_deg: f64,
+    /// Further cameras after those, by their place on the arc: 0.5 is halfway from the first to the second.
+    pub further_places: Vec<f64>,
     /// Colour rays per pixel along each axis.
     pub supersampling: usize,
     /// Standard deviation of the sensor noise, sRGB units.
@@ -88,6 +90,7 @@ impl Default for SceneOptions {
             num_views: 2,
             distance_in_radii: 3.25,
             pair_angle_deg: 11.0,
+            further_places: Vec::new(),
             supersampling: 2,
             noise: 0.0,
         }
@@ -104,9 +107,11 @@ impl SceneOptions {
         }
     }
 
-    /// Its cameras, left to right.
+    /// Its cameras, left to right, then the further ones.
     pub fn cameras(&self) -> Vec<Camera> {
-        self.rig().cameras(self.num_views)
+        let rig = self.rig();
+        let further = self.further_places.iter().map(|place| rig.camera_at(*place, self.num_views));
+        rig.cameras(self.num_views).into_iter().chain(further).collect()
     }
 
     /// The scene.

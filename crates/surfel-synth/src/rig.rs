@@ -68,18 +68,19 @@ impl OrbitRig {
 
     /// `count` cameras from left to right, the arc centred on the rig's azimuth.
     pub fn cameras(&self, count: usize) -> Vec<Camera> {
+        (0..count).map(|i| self.camera_at(i as f64, count)).collect()
+    }
+
+    /// A camera on the arc of `count`, `place` pair angles from the first of them; may lie between two or beside all.
+    pub fn camera_at(&self, place: f64, count: usize) -> Camera {
         let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
         let middle = DVec3::new(azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin());
         let up = -look_at(middle, DVec3::ZERO).rotation.row(1);
-        (0..count)
-            .map(|i| {
-                let step = i as f64 - 0.5 * (count as f64 - 1.0);
-                let turn = DQuat::from_axis_angle(up, (step * self.pair_angle_deg).to_radians());
-                let centre = self.target + turn * middle * self.distance;
-                let focal = self.focal_per_width * self.width as f64;
-                centred_camera(self.width, self.height, focal, look_at(centre, self.target))
-            })
-            .collect()
+        let step = place - 0.5 * (count as f64 - 1.0);
+        let turn = DQuat::from_axis_angle(up, (step * self.pair_angle_deg).to_radians());
+        let centre = self.target + turn * middle * self.distance;
+        let focal = self.focal_per_width * self.width as f64;
+        centred_camera(self.width, self.height, focal, look_at(centre, self.target))
     }
 }
 
@@ -105,15 +106,16 @@ pub struct WalkRig {
 impl WalkRig {
     /// `count` cameras along the path.
     pub fn cameras(&self, count: usize) -> Vec<Camera> {
-        (0..count)
-            .map(|i| {
-                let centre = self.start + self.step * i as f64;
-                let turn = DQuat::from_rotation_z((self.turn_deg * i as f64).to_radians());
-                let target = centre + turn * (self.target - self.start);
-                let focal = self.focal_per_width * self.width as f64;
-                centred_camera(self.width, self.height, focal, look_at(centre, target))
-            })
-            .collect()
+        (0..count).map(|i| self.camera_at(i as f64)).collect()
+    }
+
+    /// A camera on the path, `place` steps from the first; may lie between two or beside all.
+    pub fn camera_at(&self, place: f64) -> Camera {
+        let centre = self.start + self.step * place;
+        let turn = DQuat::from_rotation_z((self.turn_deg * place).to_radians());
+        let target = centre + turn * (self.target - self.start);
+        let focal = self.focal_per_width * self.width as f64;
+        centred_camera(self.width, self.height, focal, look_at(centre, target))
     }
 }
 
@@ -133,6 +135,9 @@ mod tests {
             let (above, _) = camera.project(DVec3::Z * 10.0).unwrap();
             assert!(above.y < 127.0 && (above.x - 160.0).abs() < 1e-9, "+Z is up in the image");
         }
+        let between = OrbitRig::dtu(320, 256).camera_at(0.5, 2).centre();
+        assert!(((a.centre() - between).length() - (b.centre() - between).length()).abs() < 1e-9);
+        assert!((between.length() - 650.0).abs() < 1e-9);
         let seen_by_left = a.camera_from_world.transform(b.centre());
         assert!(seen_by_left.x > 0.0, "the second camera stands to the right of the first");
     }
@@ -150,6 +155,8 @@ mod tests {
         };
         let cameras = rig.cameras(3);
         assert!((cameras[2].centre() - DVec3::new(0.0, 0.2, 1.5)).length() < 1e-12);
+        let between = rig.camera_at(0.5).centre();
+        assert!((between - DVec3::new(0.0, 0.05, 1.5)).length() < 1e-12);
         let turned = cameras[0].forward().angle_between(cameras[1].forward()).to_degrees();
         assert!((turned - 1.0).abs() < 0.01, "{turned}");
     }

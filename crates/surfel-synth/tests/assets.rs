@@ -58,6 +58,23 @@ fn a_seed_gives_the_same_scene_on_any_number_of_threads_and_after_any_history() 
 }
 
 #[test]
+fn further_cameras_stand_at_their_places_and_change_no_other_view() {
+    let Some(folder) = folder() else { return };
+    let library = AssetLibrary::open(&folder, Split::Val).unwrap();
+    for room_share in [0.0, 1.0] {
+        let config = SynthConfig { room_share, ..small() };
+        let further = SynthConfig { further_places: vec![0.25, 1.5], ..config.clone() };
+        let [without, with] = [config, further].map(|config| SceneSampler::new(&library, config).scene(7).unwrap());
+        assert_eq!((without.num_views(), with.num_views()), (2, 4));
+        assert!(same(&without.render(1), &with.render(1)) && !same(&with.render(2), &with.render(0)));
+        let [first, second, between, beside] = [0, 1, 2, 3].map(|i| with.cameras[i].centre());
+        let baseline = (second - first).length();
+        assert!(between.distance(first) < 0.3 * baseline && between.distance(second) < 0.8 * baseline);
+        assert!(beside.distance(first) > 1.2 * baseline && beside.distance(second) < 0.6 * baseline);
+    }
+}
+
+#[test]
 fn views_agree_with_each_other_and_with_their_masks() {
     let Some(folder) = folder() else { return };
     let library = AssetLibrary::open(&folder, Split::Val).unwrap();

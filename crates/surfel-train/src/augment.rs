@@ -3,7 +3,7 @@
 //! A scene seen in a mirror is a scene: every view is flipped left to right and the world with it. Invariant:
 //! mirroring twice gives the sample back, and a mirrored sample is one that could have been photographed.
 
-use crate::sample::Sample;
+use crate::sample::{Sample, Target};
 use crate::truth::ViewTruth;
 use surfel_core::{Camera, Grid};
 use surfel_net::Seed;
@@ -16,6 +16,16 @@ pub fn mirrored(sample: &Sample) -> Sample {
         ranges: sample.ranges.clone(),
         seeds: sample.seeds.iter().map(mirrored_seed).collect(),
         truth: sample.truth.iter().map(ViewTruth::mirrored).collect(),
+        targets: sample.targets.iter().map(mirrored_target).collect(),
+    }
+}
+
+fn mirrored_target(target: &Target) -> Target {
+    Target {
+        image: target.image.flipped(),
+        camera: target.camera.mirrored(),
+        range: target.range,
+        truth: target.truth.mirrored(),
     }
 }
 
@@ -32,14 +42,19 @@ fn mirrored_seed(seed: &Seed) -> Seed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::tests::analytic;
+    use crate::source::tests::{analytic, with_targets};
     use glam::DVec2;
 
     #[test]
     fn twice_is_once() {
-        let sample = analytic(1);
+        let sample = with_targets(1, 1);
         let twice = mirrored(&mirrored(&sample));
         assert_eq!(twice.truth, sample.truth);
+        assert_eq!(
+            (&twice.targets[0].image, &twice.targets[0].truth),
+            (&sample.targets[0].image, &sample.targets[0].truth)
+        );
+        assert_ne!(mirrored(&sample).targets[0].image, sample.targets[0].image);
         assert_eq!(twice.seeds[0].planes, sample.seeds[0].planes);
         for (a, b) in twice.cameras.iter().zip(&sample.cameras) {
             assert!((a.intrinsics.cx - b.intrinsics.cx).abs() < 1e-12);

@@ -15,6 +15,7 @@ pub mod config;
 pub mod error;
 mod facing;
 pub mod loss;
+mod new_views;
 pub mod parameters;
 mod pictures;
 mod rendered;

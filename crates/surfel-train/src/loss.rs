@@ -50,6 +50,11 @@ fn one() -> f64 {
 }
 
 impl LossWeights {
+    /// The weights at a step of the run.
+    pub fn at(&self, step: u64) -> Self {
+        Self { rendered: self.rendered.at(step), ..*self }
+    }
+
     /// Whether a term looks at the surfels, or only at the encoder's maps.
     pub fn needs_surfels(&self) -> bool {
         self.normal != 0.0 || self.initial_normal != 0.0 || self.rendered.is_some()
@@ -192,6 +197,8 @@ mod tests {
             normal: 0.0,
             silhouette: 0.0,
             depth_ratio: 0.0,
+            align_from: 0,
+            context: 1.0,
         },
     };
 

@@ -1,19 +1,19 @@
-//! The terms that look at what the surfels show to the cameras of the sample (paper: `L`; spec 4.3).
+//! The terms that look at what the surfels show to cameras, those of views held out first of all (paper: `L`; spec 4.3).
 //!
-//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: in each term every view that can
-//! tell it counts the same, and nothing is rendered unless a term has a weight and its truth.
+//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: in each term every view held
+//! out that can tell it counts the same, every view given `context` times as much, and nothing is rendered unless a term has a weight and its truth.
 
 use crate::error::TrainError;
-use crate::sample::Sample;
+use crate::sample::{Sample, Target};
 use crate::truth::{Hole, ViewTruth};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
-use surfel_core::Grid;
+use surfel_core::{Camera, Grid};
 use surfel_loss::{Perceptual, Recipe, Term, Truth, view_terms};
-use surfel_net::{SurfelTensors, render};
+use surfel_net::{DepthRange, SurfelTensors, render};
 
 /// Weights of the terms on rendered maps; all 0 unless given.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RenderedWeights {
     /// Squared difference of colours.
@@ -30,13 +30,38 @@ pub struct RenderedWeights {
     pub silhouette: f64,
     /// Which depth the alignment looks at: 0 the expected one, which is smoother, 1 the median.
     pub depth_ratio: f64,
+    /// First step with alignment: before surfels are near the surface it only flattens them.
+    pub align_from: u64,
+    /// How much a view given to the network counts where a view held out counts 1; among themselves all count the same.
+    pub context: f64,
+}
+
+impl Default for RenderedWeights {
+    fn default() -> Self {
+        Self {
+            photometric: 0.0,
+            perceptual: 0.0,
+            alignment: 0.0,
+            depth: 0.0,
+            normal: 0.0,
+            silhouette: 0.0,
+            depth_ratio: 0.0,
+            align_from: 0,
+            context: 1.0,
+        }
+    }
 }
 
 impl RenderedWeights {
     /// Whether anything has to be rendered.
     pub fn is_some(&self) -> bool {
-        let Self { photometric, perceptual, alignment, depth, normal, silhouette, depth_ratio: _ } = *self;
+        let Self { photometric, perceptual, alignment, depth, normal, silhouette, .. } = *self;
         [photometric, perceptual, alignment, depth, normal, silhouette].iter().any(|weight| *weight != 0.0)
+    }
+
+    /// The weights at a step of the run.
+    pub(crate) fn at(&self, step: u64) -> Self {
+        Self { alignment: if step < self.align_from { 0.0 } else { self.alignment }, ..*self }
     }
 
     fn recipe(&self) -> Recipe {
@@ -52,6 +77,31 @@ impl RenderedWeights {
     }
 }
 
+/// A view to render, and how much it counts.
+struct Seen<'a> {
+    image: &'a Grid<[f32; 3]>,
+    camera: &'a Camera,
+    range: &'a DepthRange,
+    truth: &'a ViewTruth,
+    counts: f64,
+}
+
+/// The views of a sample that count: those given, then those held out.
+fn seen<'a>(sample: &'a Sample, context: f64) -> impl Iterator<Item = Seen<'a>> {
+    let given = (0..sample.num_views()).map(move |v| Seen {
+        image: &sample.images[v],
+        camera: &sample.cameras[v],
+        range: &sample.ranges[v],
+        truth: &sample.truth[v],
+        counts: context,
+    });
+    let held_out = sample.targets.iter().map(|target| {
+        let Target { image, camera, range, truth } = target;
+        Seen { image, camera, range, truth, counts: 1.0 }
+    });
+    given.chain(held_out).filter(|view| view.counts > 0.0)
+}
+
 /// The terms with a weight and a truth: name, weight, mean over the views that have the truth.
 ///
 /// # Errors
@@ -64,36 +114,35 @@ pub(crate) fn terms(
     device: &Device,
 ) -> Result<Vec<(&'static str, f64, Tensor<1>)>, TrainError> {
     let recipe = weights.recipe();
-    let mut of_views: Vec<Term> = Vec::new();
-    for view in 0..sample.num_views() {
-        let truth = known(&sample.images[view], &sample.truth[view], device);
+    let mut of_views: Vec<(Term, f64)> = Vec::new();
+    for Seen { image, camera, range, truth, counts } in seen(sample, weights.context) {
+        let truth = known(image, truth, device);
         if !recipe.can_tell(&truth) {
             continue;
         }
-        let (camera, range) = (&sample.cameras[view], &sample.ranges[view]);
         let maps = render(surfels, camera, &range.render_config())?;
-        of_views.extend(view_terms(&maps, &truth, (&camera.intrinsics, range), perceptual, &recipe)?.list);
+        let terms = view_terms(&maps, &truth, (&camera.intrinsics, range), perceptual, &recipe)?;
+        of_views.extend(terms.list.into_iter().map(|term| (term, counts)));
     }
     Ok(means(of_views))
 }
 
 /// One term of each name, in the order of their first appearance.
-fn means(of_views: Vec<Term>) -> Vec<(&'static str, f64, Tensor<1>)> {
-    let mut counts: Vec<(&'static str, usize)> = Vec::new();
-    for term in &of_views {
-        match counts.iter_mut().find(|(name, _)| *name == term.name) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((term.name, 1)),
+fn means(of_views: Vec<(Term, f64)>) -> Vec<(&'static str, f64, Tensor<1>)> {
+    let mut totals: Vec<(&'static str, f64)> = Vec::new();
+    for (term, counts) in &of_views {
+        match totals.iter_mut().find(|(name, _)| *name == term.name) {
+            Some((_, total)) => *total += counts,
+            None => totals.push((term.name, *counts)),
         }
     }
-    let mean = |&(name, count): &(&'static str, usize)| {
-        let share = 1.0 / count as f64;
-        let mut terms = of_views.iter().filter(|term| term.name == name);
-        let first = terms.next()?;
-        let sum = terms.fold(first.value.clone() * share, |sum, term| sum + term.value.clone() * share);
-        Some((logged_as(name), first.weight, sum))
+    let mean = |&(name, total): &(&'static str, f64)| {
+        let of_name = of_views.iter().filter(|(term, _)| term.name == name);
+        let shares = of_name.clone().map(|(term, counts)| term.value.clone() * (counts / total));
+        let weight = of_name.map(|(term, _)| term.weight).next()?;
+        Some((logged_as(name), weight, shares.reduce(|sum, share| sum + share)?))
     };
-    counts.iter().filter_map(mean).collect()
+    totals.iter().filter_map(mean).collect()
 }
 
 /// Names in logs tell these terms from those of the encoder's maps.
@@ -130,7 +179,34 @@ fn known(photograph: &Grid<[f32; 3]>, truth: &ViewTruth, device: &Device) -> Tru
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::tests::analytic;
+    use crate::source::tests::{analytic, with_targets};
+    use surfel_net::{NetConfig, Preset, SurfelNet};
+
+    #[test]
+    fn views_held_out_count_beside_views_given() {
+        let device = Device::flex();
+        let net = SurfelNet::new(NetConfig::preset(Preset::Tiny), &device).unwrap();
+        let sample = with_targets(3, 1);
+        let surfels = net.forward(&sample.input(net.config()), &device).unwrap().surfels;
+        let photometric = |sample: &Sample, context: f64| {
+            let weights = RenderedWeights { photometric: 1.0, context, ..RenderedWeights::default() };
+            let terms = terms(&surfels, sample, &weights, &Perceptual::Ssim, &device).unwrap();
+            terms.into_iter().map(|(_, _, value)| f64::from(value.into_scalar::<f32>())).next()
+        };
+        let given = Sample { targets: Vec::new(), ..sample.clone() };
+        assert_eq!(photometric(&given, 0.0), None);
+        assert_eq!(photometric(&given, 0.3), photometric(&given, 1.0));
+        let (of_given, held_out) = (photometric(&given, 1.0).unwrap(), photometric(&sample, 0.0).unwrap());
+        assert!((of_given - held_out).abs() > 1e-4, "the test cannot tell one view from the other");
+        let expected = (2.0 * 0.5 * of_given + held_out) / (2.0 * 0.5 + 1.0);
+        assert!((photometric(&sample, 0.5).unwrap() - expected).abs() < 1e-6);
+    }
+
+    #[test]
+    fn alignment_begins_at_its_step() {
+        let weights = RenderedWeights { alignment: 0.5, align_from: 3, ..RenderedWeights::default() };
+        assert_eq!([0, 2, 3, 9].map(|step| weights.at(step).alignment), [0.0, 0.0, 0.5, 0.5]);
+    }
 
     #[test]
     fn a_measurement_with_holes_says_nothing_of_the_silhouette() {

@@ -12,7 +12,7 @@ use surfel_stereo::photographs::match_photographs;
 use surfel_synth::{Random, RenderedView};
 
 /// A scene to learn from.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sample {
     /// sRGB in \[0, 1\].
     pub images: Vec<Grid<[f32; 3]>>,
@@ -24,6 +24,33 @@ pub struct Sample {
     pub seeds: Vec<Seed>,
     /// What is known of each view.
     pub truth: Vec<ViewTruth>,
+    /// Views that the network is not given.
+    pub targets: Vec<Target>,
+}
+
+/// A view held out: the network is not given it, and what it predicts is rendered there and compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// sRGB in \[0, 1\], of the size of the sample.
+    pub image: Grid<[f32; 3]>,
+    /// Its camera.
+    pub camera: Camera,
+    /// Depths the scene may have, scene units.
+    pub range: DepthRange,
+    /// What is known of it.
+    pub truth: ViewTruth,
+}
+
+impl Target {
+    /// Of a view and what is known of it.
+    pub fn new(view: View, range: DepthRange, truth: ViewTruth) -> Self {
+        Self { image: view.image.map(in_8_bits), camera: view.camera, range, truth }
+    }
+}
+
+/// Photographs have 8 bits, and a sample read back from disk must be the one that was made.
+fn in_8_bits(rgb: &[f32; 3]) -> [f32; 3] {
+    rgb.map(|c| (255.0 * c).round().clamp(0.0, 255.0) / 255.0)
 }
 
 /// How much wider than the truth a searched range is, at most: on the near side and on the far side.
@@ -32,14 +59,18 @@ const WIDENING: [f64; 2] = [0.4, 0.8];
 const HELD: [f64; 2] = [0.01, 0.99];
 
 impl Sample {
-    /// Matches rendered views; `random` widens the range that is searched, since nobody knows it exactly.
+    /// Matches rendered views `given` to the network; `random` widens the range that is searched, since nobody knows
+    /// it exactly. What they show to the cameras of views `held_out` becomes the targets.
     ///
     /// # Errors
     /// When the views show no surface or the pretrained features cannot be read.
-    pub fn of(rendered: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
-        let range = searched_range(rendered, random).ok_or(TrainError::EmptyScene)?;
-        let views = rendered.iter().map(|rendered| rendered.view.clone()).collect();
-        Self::matched(views, range, rendered.iter().map(ViewTruth::of_rendered).collect())
+    pub fn of(given: &[RenderedView], held_out: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
+        let range = searched_range(given, random).ok_or(TrainError::EmptyScene)?;
+        let views = given.iter().map(|rendered| rendered.view.clone()).collect();
+        let target =
+            |rendered: &RenderedView| Target::new(rendered.view.clone(), range, ViewTruth::of_rendered(rendered));
+        let matched = Self::matched(views, range, given.iter().map(ViewTruth::of_rendered).collect())?;
+        Ok(Self { targets: held_out.iter().map(target).collect(), ..matched })
     }
 
     /// Matches views in a range of depths, scene units; `truth` is what is known of each.
@@ -47,8 +78,6 @@ impl Sample {
     /// # Errors
     /// When the pretrained features cannot be read.
     pub fn matched(views: Vec<View>, range: DepthRange, truth: Vec<ViewTruth>) -> Result<Self, TrainError> {
-        // Photographs have 8 bits, and a sample read back from disk must be the one that was matched.
-        let in_8_bits = |rgb: &[f32; 3]| rgb.map(|c| (255.0 * c).round().clamp(0.0, 255.0) / 255.0);
         let views: Vec<View> =
             views.into_iter().map(|view| View { image: view.image.map(in_8_bits), ..view }).collect();
         let ranges = vec![range; views.len()];
@@ -62,10 +91,11 @@ impl Sample {
             images: views.into_iter().map(|view| view.image).collect(),
             ranges,
             truth,
+            targets: Vec::new(),
         })
     }
 
-    /// Number of views.
+    /// Number of views the network is given.
     pub fn num_views(&self) -> usize {
         self.images.len()
     }

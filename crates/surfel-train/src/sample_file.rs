@@ -4,7 +4,7 @@
 //! appears whole or not at all.
 
 use crate::error::TrainError;
-use crate::sample::Sample;
+use crate::sample::{Sample, Target};
 use crate::truth::{Hole, TrueDepth, ViewTruth};
 use glam::{DMat3, DVec3};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -16,43 +16,68 @@ use surfel_net::{DepthRange, Seed};
 const CAMERA: usize = 2 + 4 + 9 + 3 + 2 + 1;
 /// Values of a pixel of a seed: plane, evidence, correlation, confidence.
 const SEED: usize = 7;
-
+/// Values of a pixel of the truth: depth, normal, object.
+const TRUTH: usize = 5;
 /// Flags of a view: see [`known_values`].
 const KNOWN: usize = 4;
+
+/// The tensors of a file, view by view: those given to the network, which alone have seeds, then those held out.
+#[derive(Default)]
+struct Columns {
+    cameras: Vec<f64>,
+    image: Vec<u8>,
+    seed: Vec<f32>,
+    truth: Vec<f32>,
+    known: Vec<u8>,
+}
+
+impl Columns {
+    fn add_view(&mut self, image: &Grid<[f32; 3]>, truth: &ViewTruth, camera: [f64; CAMERA]) {
+        self.cameras.extend(camera);
+        self.image.extend(image.as_slice().as_flattened().iter().map(|c| (255.0 * c).round() as u8));
+        for i in 0..image.len() {
+            let [x, y, z] = truth.normal_at(i).unwrap_or([0.0; 3]);
+            self.truth.extend([truth.depth_at(i), x, y, z, if truth.is_object(i) { 1.0 } else { 0.0 }]);
+        }
+        self.known.extend(known_values(truth));
+    }
+
+    fn add_seed(&mut self, seed: &Seed) {
+        for i in 0..seed.planes.len() {
+            let [w, w_x, w_y] = seed.planes.as_slice()[i];
+            let [at, weight] = seed.evidence.as_slice()[i];
+            let (correlation, confidence) = (seed.correlation.as_slice()[i], seed.confidence.as_slice()[i]);
+            self.seed.extend([w, w_x, w_y, at, weight, correlation, confidence]);
+        }
+    }
+}
 
 /// Writes a sample.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub(crate) fn write(sample: &Sample, path: &Path) -> Result<(), TrainError> {
-    let (width, height) = sample.size();
-    let views = sample.num_views();
-    let (mut cameras, mut image, mut seed) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut truth, mut known) = (Vec::new(), Vec::new());
-    for v in 0..views {
-        cameras.extend(camera_values(&sample.cameras[v], &sample.ranges[v], sample.seeds[v].step));
-        image.extend(sample.images[v].as_slice().as_flattened().iter().map(|c| (255.0 * c).round() as u8));
-        for i in 0..width * height {
-            let of = &sample.seeds[v];
-            let [w, w_x, w_y] = of.planes.as_slice()[i];
-            let [at, weight] = of.evidence.as_slice()[i];
-            seed.extend([w, w_x, w_y, at, weight, of.correlation.as_slice()[i], of.confidence.as_slice()[i]]);
-            let true_of = &sample.truth[v];
-            let [x, y, z] = true_of.normal_at(i).unwrap_or([0.0; 3]);
-            truth.extend([true_of.depth_at(i), x, y, z, if true_of.is_object(i) { 1.0 } else { 0.0 }]);
-        }
-        known.extend(known_values(&sample.truth[v]));
+    let mut columns = Columns::default();
+    for (v, seed) in sample.seeds.iter().enumerate() {
+        let camera = camera_values(&sample.cameras[v], &sample.ranges[v], seed.step);
+        columns.add_view(&sample.images[v], &sample.truth[v], camera);
+        columns.add_seed(seed);
     }
+    for target in &sample.targets {
+        columns.add_view(&target.image, &target.truth, camera_values(&target.camera, &target.range, 0.0));
+    }
+    let Columns { cameras, image, seed, truth, known } = columns;
     let bytes = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|value| value.to_le_bytes()).collect() };
     let cameras: Vec<u8> = cameras.iter().flat_map(|value| value.to_le_bytes()).collect();
     let (seed, truth) = (bytes(&seed), bytes(&truth));
     let damaged = |reason: String| TrainError::Damaged { path: path.to_path_buf(), reason };
-    let tensor = |dtype, channels: usize, data| TensorView::new(dtype, vec![views, height, width, channels], data);
+    let ((width, height), given) = (sample.size(), sample.num_views());
+    let views = given + sample.targets.len();
     let tensors = [
         ("cameras", TensorView::new(Dtype::F64, vec![views, CAMERA], &cameras)),
-        ("image", tensor(Dtype::U8, 3, image.as_slice())),
-        ("seed", tensor(Dtype::F32, SEED, &seed)),
-        ("truth", tensor(Dtype::F32, 5, &truth)),
+        ("image", TensorView::new(Dtype::U8, vec![views, height, width, 3], &image)),
+        ("seed", TensorView::new(Dtype::F32, vec![given, height, width, SEED], &seed)),
+        ("truth", TensorView::new(Dtype::F32, vec![views, height, width, TRUTH], &truth)),
         ("known", TensorView::new(Dtype::U8, vec![views, KNOWN], &known)),
     ];
     let tensors = tensors.into_iter().map(|(name, view)| view.map(|view| (name, view)));
@@ -77,8 +102,14 @@ fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
     let tensor = |name: &str| file.tensor(name).map_err(|error| error.to_string());
     let (cameras, image, seed, truth) = (tensor("cameras")?, tensor("image")?, tensor("seed")?, tensor("truth")?);
     let [views, height, width, 3] = *image.shape() else { return Err("the images have another layout".to_owned()) };
-    let shapes = [(cameras.shape(), vec![views, CAMERA]), (seed.shape(), vec![views, height, width, SEED])];
-    if shapes.iter().any(|(found, expected)| found != expected) || truth.shape() != [views, height, width, 5] {
+    let given = seed.shape().first().copied().filter(|given| (1..=views).contains(given));
+    let given = given.ok_or("it has no view, or more seeds than views")?;
+    let shapes = [
+        (cameras.shape(), vec![views, CAMERA]),
+        (seed.shape(), vec![given, height, width, SEED]),
+        (truth.shape(), vec![views, height, width, TRUTH]),
+    ];
+    if shapes.iter().any(|(found, expected)| found != expected) {
         return Err("its maps differ in size".to_owned());
     }
     let known = match file.tensor("known") {
@@ -90,34 +121,45 @@ fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
     let cameras: Vec<f64> = cameras.data().as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
     let floats = |data: &[u8]| -> Vec<f32> { data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect() };
     let (seed, truth) = (floats(seed.data()), floats(truth.data()));
-    let (seed, truth) = (seed.as_chunks::<SEED>().0, truth.as_chunks::<5>().0);
+    let (seed, truth) = (seed.as_chunks::<SEED>().0, truth.as_chunks::<TRUTH>().0);
     let colours = image.data().as_chunks::<3>().0;
-    let pixels = width * height;
-    let mut sample =
-        Sample { images: Vec::new(), cameras: Vec::new(), ranges: Vec::new(), seeds: Vec::new(), truth: Vec::new() };
+    let mut sample = Sample::default();
     for v in 0..views {
+        let pixels = v * width * height..(v + 1) * width * height;
         let (camera, range, step) = camera_from_values(&cameras[v * CAMERA..][..CAMERA]);
-        let (seed, truth) = (&seed[v * pixels..][..pixels], &truth[v * pixels..][..pixels]);
-        let colours = &colours[v * pixels..][..pixels];
-        sample.images.push(map(width, height, colours, |rgb| rgb.map(|c| f32::from(c) / 255.0)));
-        sample.seeds.push(Seed {
-            planes: map(width, height, seed, |s| [s[0], s[1], s[2]]),
-            evidence: map(width, height, seed, |s| [s[3], s[4]]),
-            correlation: map(width, height, seed, |s| s[5]),
-            confidence: map(width, height, seed, |s| s[6]),
-            step,
-        });
-        let [depth, empty, normal, object] = known[v].map(|flag| flag != 0);
-        let hole = if empty { Hole::Empty } else { Hole::Unmeasured };
-        sample.truth.push(ViewTruth {
-            depth: depth.then(|| TrueDepth { map: map(width, height, truth, |t| t[0]), hole }),
-            normal: normal.then(|| map(width, height, truth, |t| [t[1], t[2], t[3]])),
-            object: object.then(|| map(width, height, truth, |t| t[4] > 0.5)),
-        });
+        let image = map(width, height, &colours[pixels.clone()], |rgb| rgb.map(|c| f32::from(c) / 255.0));
+        let truth = truth_from_values(width, height, &truth[pixels.clone()], known[v]);
+        if v >= given {
+            sample.targets.push(Target { image, camera, range, truth });
+            continue;
+        }
+        sample.images.push(image);
         sample.cameras.push(camera);
         sample.ranges.push(range);
+        sample.seeds.push(seed_from_values(width, height, &seed[pixels], step));
+        sample.truth.push(truth);
     }
     Ok(sample)
+}
+
+fn seed_from_values(width: usize, height: usize, values: &[[f32; SEED]], step: f32) -> Seed {
+    Seed {
+        planes: map(width, height, values, |s| [s[0], s[1], s[2]]),
+        evidence: map(width, height, values, |s| [s[3], s[4]]),
+        correlation: map(width, height, values, |s| s[5]),
+        confidence: map(width, height, values, |s| s[6]),
+        step,
+    }
+}
+
+fn truth_from_values(width: usize, height: usize, values: &[[f32; TRUTH]], known: [u8; KNOWN]) -> ViewTruth {
+    let [depth, empty, normal, object] = known.map(|flag| flag != 0);
+    let hole = if empty { Hole::Empty } else { Hole::Unmeasured };
+    ViewTruth {
+        depth: depth.then(|| TrueDepth { map: map(width, height, values, |t| t[0]), hole }),
+        normal: normal.then(|| map(width, height, values, |t| [t[1], t[2], t[3]])),
+        object: object.then(|| map(width, height, values, |t| t[4] > 0.5)),
+    }
 }
 
 /// Whether depth, where it ends, normals and objects are known.
@@ -158,7 +200,7 @@ fn camera_from_values(values: &[f64]) -> (Camera, DepthRange, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::tests::analytic;
+    use crate::source::tests::{analytic, with_targets};
 
     #[test]
     fn what_is_not_known_stays_unknown_and_files_without_word_of_it_know_all() {
@@ -179,5 +221,16 @@ mod tests {
         assert_eq!(old.len(), 4);
         std::fs::write(&path, safetensors::serialize(old, None).unwrap()).unwrap();
         assert_eq!(read(&path).unwrap().truth, whole.truth);
+    }
+
+    #[test]
+    fn views_held_out_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sample.safetensors");
+        let sample = with_targets(3, 2);
+        write(&sample, &path).unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!((&back.targets, &back.images, &back.truth), (&sample.targets, &sample.images, &sample.truth));
+        assert_eq!((back.seeds.len(), back.cameras), (2, sample.cameras));
     }
 }

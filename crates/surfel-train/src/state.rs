@@ -22,7 +22,7 @@ pub struct State {
     pub average: Named,
     /// Optimiser.
     pub adam: AdamState,
-    /// Best share within 1 % so far, and its step.
+    /// Best score of a validation so far, and its step.
     pub best: Option<(f64, u64)>,
 }
 

@@ -199,10 +199,10 @@ impl Trainer {
                 let line = serde_json::json!({ "step": step, "validation": validation });
                 append(&self.folder.join(METRICS), &line)?;
                 watcher.validated(step, &validation);
-                if let Some(network) = validation.network
-                    && self.state.best.is_none_or(|(share, _)| network.within_1pct > share)
+                if let Some(score) = validation.score()
+                    && self.state.best.is_none_or(|(best, _)| score > best)
                 {
-                    self.state.best = Some((network.within_1pct, step));
+                    self.state.best = Some((score, step));
                     checkpoint::save(&self.kept_net(), &self.folder.join("best.safetensors"))?;
                 }
             }
@@ -231,7 +231,7 @@ impl Trainer {
 
     /// What is wrong with the network's answer; surfels are made only when a term looks at them.
     fn terms(&self, sample: &Sample) -> Result<Terms, TrainError> {
-        let (input, weights) = (sample.input(self.net.config()), &self.config.loss);
+        let (input, weights) = (sample.input(self.net.config()), &self.config.loss.at(self.state.step));
         if weights.needs_surfels() {
             let prediction = self.net.forward(&input, &self.device)?;
             return loss::terms((&prediction).into(), sample, weights, &self.perceptual, &self.device);

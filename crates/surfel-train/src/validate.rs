@@ -4,6 +4,7 @@
 //! cannot be measured is not stated.
 
 use crate::error::TrainError;
+use crate::new_views;
 use crate::sample::Sample;
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
@@ -34,6 +35,16 @@ pub struct Validation {
     pub matching_objects: Option<Scores>,
     /// The network, objects only.
     pub network_objects: Option<Scores>,
+    /// Mean PSNR of views held out, decibels; `None` where the samples hold none out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub new_views_psnr: Option<f64>,
+}
+
+impl Validation {
+    /// What the best weights are best at: pixels within 1 % of the depth, or new views where no depth is known.
+    pub fn score(&self) -> Option<f64> {
+        self.network.map(|scores| scores.within_1pct).or(self.new_views_psnr)
+    }
 }
 
 /// Errors of pixels, gathered over samples.
@@ -86,9 +97,11 @@ pub fn validate(
     samples: impl Iterator<Item = Result<Sample, TrainError>>,
 ) -> Result<Validation, TrainError> {
     let mut tallies: [Tally; 4] = Default::default();
+    let mut psnrs = Vec::new();
     for sample in samples {
         let sample = sample?;
         let prediction = net.forward(&sample.input(net.config()), &net.device())?;
+        psnrs.extend(new_views::psnr(&prediction.surfels, &sample, &net.device())?);
         let depth = values(prediction.maps.depth);
         let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;
@@ -124,7 +137,8 @@ pub fn validate(
         }
     }
     let [matching, network, matching_objects, network_objects] = tallies.map(Tally::scores);
-    Ok(Validation { matching, network, matching_objects, network_objects })
+    let new_views_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);
+    Ok(Validation { matching, network, matching_objects, network_objects, new_views_psnr })
 }
 
 fn plane_normal(camera: &Camera, (x, y): (usize, usize), [w, w_x, w_y]: [f32; 3]) -> [f32; 3] {

@@ -55,7 +55,8 @@ fn cameras(config: &SynthConfig, size: DVec3, random: &mut Random) -> Vec<Camera
         step,
         turn_deg: random.range(-3.0, 3.0),
     };
-    rig.cameras(config.num_views.max(1))
+    let further = config.further_places.iter().map(|place| rig.camera_at(*place));
+    rig.cameras(config.num_views.max(1)).into_iter().chain(further).collect()
 }
 
 /// Floor first (it throws light back), then three walls and the ceiling.

@@ -27,6 +27,8 @@ pub struct SynthConfig {
     pub height: usize,
     /// Cameras per scene.
     pub num_views: usize,
+    /// Further cameras after those, by their place on the path: 0.5 is halfway from the first to the second.
+    pub further_places: Vec<f64>,
     /// Share of furnished rooms among the scenes; the rest are tabletops.
     pub room_share: f64,
     /// Fewest and most objects on a table.
@@ -57,6 +59,7 @@ impl Default for SynthConfig {
             width: 320,
             height: 256,
             num_views: 2,
+            further_places: Vec::new(),
             room_share: 0.25,
             num_objects: [1, 6],
             object_distance: 650.0,
@@ -112,7 +115,7 @@ pub struct SceneSampler<'a> {
 pub struct SynthScene {
     /// Geometry and light.
     pub stage: Stage,
-    /// The cameras, left to right or along the walk; millimetres.
+    /// The cameras, left to right or along the walk, then the further ones; millimetres.
     pub cameras: Vec<Camera>,
     /// One sensor per camera.
     pub sensors: Vec<Sensor>,

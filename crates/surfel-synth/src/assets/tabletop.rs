@@ -76,7 +76,9 @@ fn cameras(config: &SynthConfig, azimuth_deg: f64, radius: f64, random: &mut Ran
         azimuth_deg,
         elevation_deg: random.range(12.0, 52.0),
     };
-    rig.cameras(config.num_views.max(1))
+    let num_views = config.num_views.max(1);
+    let further = config.further_places.iter().map(|place| rig.camera_at(*place, num_views));
+    rig.cameras(num_views).into_iter().chain(further).collect()
 }
 
 /// A table, now and then with a wall behind it.

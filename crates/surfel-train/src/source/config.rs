@@ -18,6 +18,9 @@ pub struct SourceConfig {
     pub height: usize,
     /// Views the network is given.
     pub num_views: usize,
+    /// Views it is not given, held out to be rendered and compared.
+    #[serde(default)]
+    pub num_targets: usize,
     /// What is photographed.
     #[serde(flatten)]
     pub scenes: Scenes,
@@ -162,8 +165,9 @@ fn short_name(path: &Path) -> String {
 impl SourceConfig {
     /// What tells its samples from those of other settings, as the name of a folder.
     pub(crate) fn folder_name(&self, side: &str) -> String {
-        let Self { seed, width, height, num_views, scenes } = self;
-        format!("{side}-{}-{width}x{height}-{num_views}views{}-seed{seed}", scenes.kind(), scenes.name())
+        let Self { seed, width, height, num_views, num_targets, scenes } = self;
+        let targets = if *num_targets > 0 { format!("-{num_targets}targets") } else { String::new() };
+        format!("{side}-{}-{width}x{height}-{num_views}views{targets}{}-seed{seed}", scenes.kind(), scenes.name())
     }
 
     /// # Errors

@@ -60,21 +60,55 @@ impl Source {
             Opened::Scans(scans, library) => rendered::scans(library, &self.config, scans, seed)?,
             Opened::Analytic => rendered::analytic(&self.config, seed, &mut random),
         };
-        Sample::of(&rendered, &mut random)
+        let (given, held_out) = rendered.split_at(self.config.num_views);
+        Sample::of(given, held_out, &mut random)
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use surfel_core::Camera;
 
     /// Settings of small analytic pairs.
     pub(crate) fn config(seed: u64) -> SourceConfig {
-        SourceConfig { seed, width: 48, height: 32, num_views: 2, scenes: Scenes::Analytic(Analytic {}) }
+        let (width, height, scenes) = (48, 32, Scenes::Analytic(Analytic {}));
+        SourceConfig { seed, width, height, num_views: 2, num_targets: 0, scenes }
     }
 
     /// The first of them.
     pub(crate) fn analytic(seed: u64) -> Sample {
         Source::open(&config(seed), Split::Train, None).unwrap().sample(0).unwrap()
+    }
+
+    /// The first with views held out.
+    pub(crate) fn with_targets(seed: u64, num_targets: usize) -> Sample {
+        let config = SourceConfig { num_targets, ..config(seed) };
+        Source::open(&config, Split::Train, None).unwrap().sample(0).unwrap()
+    }
+
+    #[test]
+    fn views_held_out_show_the_same_surface_from_elsewhere_and_change_nothing_else() {
+        let (without, with) = (analytic(4), with_targets(4, 3));
+        assert_eq!((&with.images, &with.truth, &with.ranges), (&without.images, &without.truth, &without.ranges));
+        assert_eq!((with.targets.len(), without.targets.len()), (3, 0));
+        let (width, _) = with.size();
+        for target in &with.targets {
+            let centres = with.cameras.iter().map(|camera| camera.centre());
+            assert!(centres.into_iter().all(|centre| centre.distance(target.camera.centre()) > 1.0));
+            // What the first view sees, the target sees in the same place, unless something else is in the way.
+            let (mut seen, mut same) = (0, 0);
+            for i in 0..with.num_pixels() {
+                let pixel = Camera::pixel_centre(i % width, i / width);
+                let point = with.cameras[0].unproject(pixel, f64::from(with.truth[0].depth_at(i)));
+                let Some((at, depth)) = target.camera.project(point) else { continue };
+                if at.min_element() > 0.0 && at.x < 48.0 && at.y < 32.0 {
+                    let truth = target.truth.depth_at(at.y as usize * width + at.x as usize);
+                    seen += 1;
+                    same += usize::from((f64::from(truth) / depth - 1.0).abs() < 0.03);
+                }
+            }
+            assert!(seen > 800 && same > 7 * seen / 10, "{same} of {seen}");
+        }
     }
 }

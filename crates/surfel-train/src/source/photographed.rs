@@ -6,7 +6,7 @@
 use super::config::{Clips, Scenes, SourceConfig};
 use super::data_set::DataSet;
 use crate::error::TrainError;
-use crate::sample::Sample;
+use crate::sample::{Sample, Target};
 use crate::truth::{Hole, TrueDepth, ViewTruth};
 use std::path::Path;
 use surfel_core::{Grid, View};
@@ -40,7 +40,7 @@ type Drawn = Result<TrainingScene, String>;
 impl Photographed {
     /// Choosing from `set` as `config` says.
     pub(super) fn new(set: DataSet, config: &SourceConfig) -> Self {
-        let (num_contexts, num_targets) = (config.num_views, 0);
+        let (num_contexts, num_targets) = (config.num_views, config.num_targets);
         let chooser = match &config.scenes {
             Scenes::Re10k(Clips { min_gap, max_gap, .. }) | Scenes::Acid(Clips { min_gap, max_gap, .. }) => {
                 let [min_gap, max_gap] = [*min_gap, *max_gap].map(Ramp::constant);
@@ -108,9 +108,14 @@ fn parallax(scene: TrainingScene, choice: &Choice) -> Drawn {
 }
 
 fn sample_of(scene: TrainingScene) -> Result<Sample, TrainError> {
-    let TrainingScene { contexts, near, far, .. } = scene;
+    let TrainingScene { contexts, targets, near, far, .. } = scene;
+    let range = DepthRange { near, far };
     let (views, truth) = contexts.into_iter().map(split).unzip();
-    Sample::matched(views, DepthRange { near, far }, truth)
+    let target = |view| {
+        let (view, truth) = split(view);
+        Target::new(view, range, truth)
+    };
+    Ok(Sample { targets: targets.into_iter().map(target).collect(), ..Sample::matched(views, range, truth)? })
 }
 
 /// The photograph, and what is known of it: where the set does not trust its truth, nothing is.

@@ -1,13 +1,25 @@
 //! Scenes that are rendered for a sample: scanned objects, or analytic shapes.
 //!
-//! Between the settings of a source and `surfel-synth`. Invariant: settings and seed name the pictures for good.
+//! Between the settings of a source and `surfel-synth`. Invariants: settings and seed name the pictures for good, and
+//! the pictures that the network is given are the same with and without views held out.
 
 use super::config::{Scans, SourceConfig};
 use surfel_synth::{
     AssetError, AssetLibrary, Random, RenderedView, SceneKind, SceneOptions, SceneSampler, SynthConfig,
 };
 
-/// Photographs scanned objects.
+/// How far beside the outermost cameras a held-out one may stand, in steps from camera to camera.
+const BESIDE: f64 = 0.5;
+
+/// Where the cameras of held-out views stand, in steps from the first of the others: between them and beside them.
+fn target_places(config: &SourceConfig, seed: u64) -> Vec<f64> {
+    // A stream that no camera of a scene draws from.
+    let mut random = Random::fork(seed, u64::MAX);
+    let last = config.num_views as f64 - 1.0;
+    (0..config.num_targets).map(|_| random.range(-BESIDE, last + BESIDE)).collect()
+}
+
+/// Photographs scanned objects; held-out views come last.
 ///
 /// # Errors
 /// When an asset cannot be read.
@@ -22,6 +34,7 @@ pub(super) fn scans(
         width: config.width,
         height: config.height,
         num_views: config.num_views,
+        further_places: target_places(config, seed),
         room_share: scans.room_share,
         pair_angle_deg: scans.pair_angle_deg,
         exposure_stops: scans.defects * usual.exposure_stops,
@@ -34,7 +47,7 @@ pub(super) fn scans(
     Ok((0..scene.num_views()).map(|view| scene.render(view)).collect())
 }
 
-/// Photographs analytic shapes.
+/// Photographs analytic shapes; held-out views come last.
 pub(super) fn analytic(config: &SourceConfig, seed: u64, random: &mut Random) -> Vec<RenderedView> {
     let kinds = [SceneKind::StillLife, SceneKind::Boxes, SceneKind::HeightField, SceneKind::Torus];
     let options = SceneOptions {
@@ -44,6 +57,7 @@ pub(super) fn analytic(config: &SourceConfig, seed: u64, random: &mut Random) ->
         height: config.height,
         num_views: config.num_views,
         pair_angle_deg: random.range(6.0, 20.0),
+        further_places: target_places(config, seed),
         noise: 0.01,
         ..SceneOptions::default()
     };

@@ -2,6 +2,7 @@
 
 use crate::layouts::{blended_mvs, clips, dtu};
 use std::path::Path;
+use surfel_core::Camera;
 use surfel_synth::Split;
 use surfel_train::source::Source;
 use surfel_train::trainer::StepReport;
@@ -54,6 +55,34 @@ fn clips_teach_what_photographs_alone_can_tell() {
         assert_eq!(terms, [OF_PHOTOGRAPHS; 2]);
         assert!(validation["network"].is_null() && validation["matching"].is_null(), "{validation}");
         assert!(!folder.path().join("run/best.safetensors").exists());
+
+        std::fs::remove_dir_all(folder.path().join("run")).unwrap();
+        let (_, validation) = trained(config(&format!("num_targets = 1\n{source}")), folder.path());
+        assert!((3.0..40.0).contains(&validation["new_views_psnr"].as_f64().unwrap()), "{validation}");
+        assert!(folder.path().join("run/best.safetensors").exists());
+    }
+}
+
+#[test]
+fn views_held_out_are_never_those_given() {
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, rest) in [("re10k", "min_gap = 3\nmax_gap = 4\n"), ("dtu", ""), ("blended_mvs", "")] {
+        let set = folder.path().join(kind);
+        match kind {
+            "re10k" => clips(&set, &[6]),
+            "dtu" => dtu(&set, 5),
+            _ => blended_mvs(&set, 5),
+        }
+        let config = config(&format!("num_targets = 2\nkind = \"{kind}\"\nfolder = {set:?}\n{rest}"));
+        let sample = Source::open(&config.train[0].source, Split::Train, None).unwrap().sample(0).unwrap();
+        assert_eq!((sample.num_views(), sample.targets.len()), (2, 2));
+        let centres =
+            || sample.cameras.iter().chain(sample.targets.iter().map(|target| &target.camera)).map(Camera::centre);
+        let baseline = sample.cameras[0].centre().distance(sample.cameras[1].centre());
+        for (i, centre) in centres().enumerate() {
+            assert!(centres().skip(i + 1).all(|other| centre.distance(other) > 1e-3 * baseline), "{kind}");
+        }
+        assert!(sample.targets.iter().all(|target| target.truth.depth.is_some() == (kind != "re10k")));
     }
 }
 

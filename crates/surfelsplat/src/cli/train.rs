@@ -83,5 +83,8 @@ impl Watcher for Console {
         self.say(&line("network ", validation.network));
         self.say(&line("matching, objects", validation.matching_objects));
         self.say(&line("network,  objects", validation.network_objects));
+        if let Some(psnr) = validation.new_views_psnr {
+            self.say(&format!("  new views: PSNR {psnr:.2} dB"));
+        }
     }
 }
