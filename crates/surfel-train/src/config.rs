@@ -134,6 +134,27 @@ mod tests {
         assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
     }
 
+    #[test]
+    fn the_papers_stages_train_its_network_on_what_each_set_knows() {
+        use surfel_net::{NetConfig, Preset};
+        let stage = |text: &str| TrainConfig::from_toml(text).unwrap();
+        let stages = [include_str!("../configs/stage1.toml"), include_str!("../configs/stage2.toml")].map(stage);
+        for stage in &stages {
+            assert_eq!(stage.network().unwrap(), NetConfig::preset(Preset::Paper));
+            let sources = stage.train.iter().chain(&stage.validation).map(|entry| &entry.source);
+            sources.for_each(|source| assert!(source.num_views == 2 && source.num_targets > 0));
+        }
+        let [first, second] = stages;
+        let kinds = [&first, &second].map(|stage| stage.train[0].source.scenes.kind());
+        assert_eq!((kinds, first.steps, second.steps), (["re10k", "dtu"], 300_000, 2_000));
+        let alignment = |step| first.loss.at(step).rendered.alignment;
+        assert!(alignment(19_999) == 0.0 && alignment(20_000) > 0.0);
+        assert!(first.loss.depth == 0.0 && second.loss.depth > 0.0 && second.loss.at(0).rendered.alignment > 0.0);
+        assert!(first.loss.rendered.context == 0.0 && second.loss.rendered.context == 1.0);
+        // No sample of the first stage comes twice.
+        assert_eq!(first.num_samples(), first.steps * first.batch as u64);
+    }
+
     /// A configuration whose first source is another.
     fn with_source(source: &str) -> Result<TrainConfig, String> {
         let text = include_str!("../configs/small.toml");

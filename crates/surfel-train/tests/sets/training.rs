@@ -4,7 +4,8 @@ use crate::layouts::{blended_mvs, clips, dtu};
 use std::path::Path;
 use surfel_core::Camera;
 use surfel_synth::Split;
-use surfel_train::source::Source;
+use surfel_train::config::Intervals;
+use surfel_train::source::{Scenes, Source};
 use surfel_train::trainer::StepReport;
 use surfel_train::validate::Validation;
 use surfel_train::{Places, TrainConfig, Trainer, Watcher};
@@ -61,6 +62,36 @@ fn clips_teach_what_photographs_alone_can_tell() {
         assert!((3.0..40.0).contains(&validation["new_views_psnr"].as_f64().unwrap()), "{validation}");
         assert!(folder.path().join("run/best.safetensors").exists());
     }
+}
+
+/// A stage as it ships, with the narrowest network, on a set of two photographs' size.
+fn shipped(stage: &str, set: &Path) -> TrainConfig {
+    let mut config = TrainConfig::from_toml(stage).unwrap();
+    (config.network, config.steps, config.batch) = ("tiny".to_owned(), 2, 1);
+    config.every = Intervals { log: 1, validate: 2, checkpoint: 2, pictures: 0 };
+    for entry in config.train.iter_mut().chain(&mut config.validation) {
+        (entry.num_samples, entry.source.width, entry.source.height) = (2, 64, 48);
+        match &mut entry.source.scenes {
+            Scenes::Re10k(clips) => (clips.folder, clips.min_gap, clips.max_gap) = (set.to_owned(), 5, 7),
+            Scenes::Dtu(dtu) => dtu.folder = set.to_owned(),
+            other => panic!("{other:?}"),
+        }
+    }
+    config
+}
+
+#[test]
+fn the_papers_stages_can_be_trained() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, second) = (folder.path().join("first"), folder.path().join("second"));
+    clips(&first.join("set"), &[9]);
+    let (terms, validation) = trained(shipped(include_str!("../../configs/stage1.toml"), &first.join("set")), &first);
+    assert_eq!(terms, [["photometric", "ssim"]; 2]);
+    assert!(validation["network"].is_null() && validation["new_views_psnr"].is_number());
+    dtu(&second.join("set"), 7);
+    let (terms, validation) = trained(shipped(include_str!("../../configs/stage2.toml"), &second.join("set")), &second);
+    assert_eq!(terms, [["alignment", "depth", "photometric", "rendered_depth", "ssim"]; 2]);
+    assert!(validation["network"].is_object() && validation["new_views_psnr"].is_number());
 }
 
 #[test]
