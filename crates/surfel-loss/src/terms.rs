@@ -93,6 +93,12 @@ impl Terms {
         }
     }
 
+    /// Name and value of each, before its weight.
+    pub fn named(&self) -> Vec<(&'static str, f64)> {
+        let value = |term: &Term| f64::from(term.value.clone().into_scalar::<f32>());
+        self.list.iter().map(|term| (term.name, value(term))).collect()
+    }
+
     /// The weighted sum; `None` without terms.
     pub fn total(&self) -> Option<Tensor<1>> {
         self.list.iter().map(|term| term.value.clone() * term.weight).reduce(|sum, term| sum + term)

@@ -149,7 +149,8 @@ mod tests {
         assert_eq!((kinds, first.steps, second.steps), (["re10k", "dtu"], 300_000, 2_000));
         let alignment = |step| first.loss.at(step).rendered.alignment;
         assert!(alignment(19_999) == 0.0 && alignment(20_000) > 0.0);
-        assert!(first.loss.depth == 0.0 && second.loss.depth > 0.0 && second.loss.at(0).rendered.alignment > 0.0);
+        assert!(first.loss.range_depth == 0.0 && second.loss.range_depth > 0.0);
+        assert!(second.loss.at(0).rendered.alignment > 0.0);
         assert!(first.loss.rendered.context == 0.0 && second.loss.rendered.context == 1.0);
         // No sample of the first stage comes twice.
         assert_eq!(first.num_samples(), first.steps * first.batch as u64);

@@ -4,62 +4,17 @@
 //! whose truth is not known say nothing, and a term of which nothing is known is left out; the truth itself has loss
 //! zero but for the opacity term, whose least value is reached by the true probability of being right.
 
-use crate::choice::divergence;
+use crate::choice;
 use crate::error::TrainError;
 use crate::facing::facing;
-use crate::rendered::{self, RenderedWeights};
+use crate::rendered;
 use crate::sample::Sample;
-use crate::slope::slope;
 use crate::truth_tensors::TruthTensors;
-use burn::tensor::{Device, Tensor};
-use serde::{Deserialize, Serialize};
-use surfel_loss::Perceptual;
+use burn::tensor::{Device, Tensor, TensorData};
+use surfel_loss::{Perceptual, Terms, calibrated_opacity, chord, depth_in_steps, opacity, slope};
 use surfel_net::{EncoderMaps, Prediction, SurfelTensors};
 
-/// Weights of the terms.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LossWeights {
-    /// `L_d`: depth.
-    pub depth: f64,
-    /// `L_n`: orientation of the final surfels.
-    pub normal: f64,
-    /// The same of the initial surfels.
-    pub initial_normal: f64,
-    /// The same of the planes under the surfels, before the head's say.
-    #[serde(default)]
-    pub plane_normal: f64,
-    /// How the depth map runs from pixel to pixel.
-    #[serde(default)]
-    pub slope: f64,
-    /// Belief in the planes that are proposed to each block.
-    #[serde(default)]
-    pub choice: f64,
-    /// Opacity as the probability that the depth is right.
-    pub opacity: f64,
-    /// How much more a pixel of an object counts in depth and choice than one of its surroundings.
-    #[serde(default = "one")]
-    pub object_factor: f64,
-    /// Terms on maps rendered from the final surfels.
-    #[serde(default)]
-    pub rendered: RenderedWeights,
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-impl LossWeights {
-    /// The weights at a step of the run.
-    pub fn at(&self, step: u64) -> Self {
-        Self { rendered: self.rendered.at(step), ..*self }
-    }
-
-    /// Whether a term looks at the surfels, or only at the encoder's maps.
-    pub fn needs_surfels(&self) -> bool {
-        self.normal != 0.0 || self.initial_normal != 0.0 || self.rendered.is_some()
-    }
-}
+pub use crate::loss_weights::LossWeights;
 
 /// What a network says of a sample, as far as the loss asks for it.
 #[derive(Clone, Copy)]
@@ -76,30 +31,6 @@ impl<'a> From<&'a Prediction> for Said<'a> {
     }
 }
 
-/// The terms of one sample: name, weight and unweighted scalar of each that has a weight.
-pub struct Terms(Vec<(&'static str, f64, Tensor<1>)>);
-
-impl Terms {
-    /// The weighted sum; `None` when no term has a weight.
-    pub fn total(&self) -> Option<Tensor<1>> {
-        self.0.iter().map(|(_, weight, term)| term.clone() * *weight).reduce(|sum, term| sum + term)
-    }
-
-    /// Name and value of each.
-    pub fn named(&self) -> Vec<(&'static str, f64)> {
-        self.0.iter().map(|(name, _, term)| (*name, f64::from(term.clone().into_scalar::<f32>()))).collect()
-    }
-}
-
-/// Error, in steps, below which the depth loss is nearly linear and above which it grows ever slower.
-const KNEE_STEPS: f64 = 0.25;
-/// Share of the plain absolute error, which keeps large mistakes worth mending.
-const LINEAR: f64 = 0.1;
-/// Largest error that counts, steps.
-const LARGEST_STEPS: f64 = 16.0;
-/// Relative depth error up to which a pixel counts as right.
-const RIGHT: f64 = 0.01;
-
 /// The terms of what is `said` of `sample` that have a weight and of whose truth something is known.
 ///
 /// # Errors
@@ -112,82 +43,79 @@ pub fn terms(
     device: &Device,
 ) -> Result<Terms, TrainError> {
     let truth = TruthTensors::of(sample, weights.object_factor, device);
-    let knows_depth = sample.truth.iter().any(|view| view.depth.is_some());
-    let knows_normals = sample.truth.iter().any(|view| view.normal.is_some());
+    let knows = |known: bool, weight: f64| if known { weight } else { 0.0 };
+    let of_depth = |weight| knows(sample.truth.iter().any(|view| view.depth.is_some()), weight);
+    let of_normals = |weight| knows(sample.truth.iter().any(|view| view.normal.is_some()), weight);
     let TruthTensors { inverse_depth, has_depth, knows_surface, inverse_step, normals, has_normal, counts } = truth;
     let predicted = said.maps.depth.clone().recip();
-    let depth = || {
-        let error = ((predicted.clone() - inverse_depth.clone()) * inverse_step.clone()).abs();
-        let error = error.clamp_max(LARGEST_STEPS);
-        let robust = (error.clone() / KNEE_STEPS).log1p() * KNEE_STEPS + error * LINEAR;
-        mean(robust.flatten(0, 2), (has_depth.clone() * counts.clone()).flatten(0, 2))
-    };
-    let opacity = || {
-        let relative = (inverse_depth.clone() / predicted.clone().detach() - 1.0).abs();
-        let right = relative.lower_equal_elem(RIGHT).float() * has_depth.clone();
-        let opacity = said.maps.confidence.clone().clamp(1e-4, 1.0 - 1e-4);
-        let entropy = -(right.clone() * opacity.clone().log() + (-right + 1.0) * (-opacity + 1.0).log());
-        // Where there is no surface the opacity should be low as well: those pixels count a little.
-        match &knows_surface {
-            Some(known) => mean(entropy.flatten(0, 2), known.clone().flatten(0, 2)),
-            None => entropy.mean(),
-        }
-    };
-    let chord = |normal: Tensor<2>| {
-        let difference = normal - normals.clone();
-        // The chord itself, not its square as in the paper: squares pull towards the mean of the doubtful.
-        let chord = (difference.powi_scalar(2).sum_dim(1) + 1e-4).sqrt();
-        mean(chord.squeeze_dim::<1>(1), has_normal.clone())
-    };
-    let mut terms = vec![];
-    let mut add = |name, known: bool, weight: f64, term: &dyn Fn() -> Option<Tensor<1>>| {
-        if known && weight != 0.0 {
-            terms.extend(term().map(|term| (name, weight, term)));
-        }
-    };
-    let of_surfels = |which: usize| said.surfels.map(|surfels| chord(facing(surfels[which], sample, device)));
-    let of_planes = || {
-        let normals = said.maps.normals.clone()?;
-        let count = sample.num_views() * sample.num_pixels();
-        Some(chord(normals.permute([0, 2, 3, 1]).reshape([count, 3])))
-    };
-    add("depth", knows_depth, weights.depth, &|| Some(depth()));
-    add("normal", knows_normals, weights.normal, &|| of_surfels(1));
-    add("initial_normal", knows_normals, weights.initial_normal, &|| of_surfels(0));
-    add("plane_normal", knows_normals, weights.plane_normal, &of_planes);
-    add("choice", knows_depth, weights.choice, &|| {
-        said.maps.choice.as_ref().map(|choice| divergence(choice, sample, weights.object_factor, device))
+    let in_steps = |map: Tensor<3>| map * inverse_step.clone();
+    let counts = || has_depth.clone() * counts.clone();
+    let chord = |of: Tensor<2>| chord(of, normals.clone(), has_normal.clone());
+
+    let mut terms = Terms::default();
+    terms.add("depth", of_depth(weights.depth), || {
+        depth_in_steps(in_steps(predicted.clone() - inverse_depth.clone()), counts())
     });
-    add("slope", knows_depth, weights.slope, &|| {
-        let steps = |map: &Tensor<3>| map.clone() * inverse_step.clone();
-        Some(slope(steps(&predicted), steps(&inverse_depth), has_depth.clone() * counts.clone()))
-    });
-    add("opacity", knows_depth, weights.opacity, &|| Some(opacity()));
-    if let (Some([_, surfels]), true) = (said.surfels, weights.rendered.is_some()) {
-        terms.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
+    terms.add("range_depth", of_depth(weights.range_depth), || range_depth(&said.maps.depth, sample, device));
+    if let Some([initial, surfels]) = said.surfels {
+        terms.add("normal", of_normals(weights.normal), || chord(facing(surfels, sample, device)));
+        terms.add("initial_normal", of_normals(weights.initial_normal), || chord(facing(initial, sample, device)));
     }
-    Ok(Terms(terms))
+    if let Some(planes) = &said.maps.normals {
+        let count = sample.num_views() * sample.num_pixels();
+        let planes = || planes.clone().permute([0, 2, 3, 1]).reshape([count, 3]);
+        terms.add("plane_normal", of_normals(weights.plane_normal), || chord(planes()));
+    }
+    if let Some(proposals) = &said.maps.choice {
+        let of_blocks = || choice::of_blocks(proposals, sample, weights.object_factor, device);
+        terms.add("choice", of_depth(weights.choice), of_blocks);
+    }
+    terms.add("slope", of_depth(weights.slope), || {
+        slope(in_steps(predicted.clone()), in_steps(inverse_depth.clone()), counts())
+    });
+    terms.add("opacity", of_depth(weights.opacity), || {
+        let relative_error = (inverse_depth.clone() / predicted.clone().detach() - 1.0).abs();
+        calibrated_opacity(said.maps.confidence.clone(), relative_error, has_depth.clone(), knows_surface.clone())
+    });
+    if let Some([_, surfels]) = said.surfels {
+        terms.add("decided_opacity", weights.decided_opacity, || opacity(surfels.opacities.clone()));
+        if weights.rendered.is_some() {
+            terms.list.extend(rendered::terms(surfels, sample, &weights.rendered, perceptual, device)?);
+        }
+    }
+    Ok(terms)
 }
 
-pub(crate) fn mean(values: Tensor<1>, mask: Tensor<1>) -> Tensor<1> {
-    (values * mask.clone()).sum() / (mask.sum() + 1e-6)
+/// [`surfel_loss::depth`] of the encoder's depth, mean over the views that know theirs.
+fn range_depth(depth: &Tensor<3>, sample: &Sample, device: &Device) -> Tensor<1> {
+    let (width, height) = sample.size();
+    let of_view = |view: usize| {
+        let truth = sample.truth[view].depth.as_ref()?.map.as_slice().to_vec();
+        let truth: Tensor<2> = Tensor::from_data(TensorData::new(truth, [height, width]), device);
+        let predicted = depth.clone().narrow(0, view, 1).squeeze_dim::<2>(0);
+        Some(surfel_loss::depth(predicted, truth, &sample.ranges[view]))
+    };
+    let of_views: Vec<Tensor<1>> = (0..sample.num_views()).filter_map(of_view).collect();
+    Tensor::cat(of_views, 0).mean()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rendered::RenderedWeights;
     use crate::source::tests::analytic;
     use crate::truth::{Hole, TrueDepth, ViewTruth};
-    use burn::tensor::TensorData;
 
     const WEIGHTS: LossWeights = LossWeights {
         depth: 1.0,
+        range_depth: 1.0,
         normal: 1.0,
         initial_normal: 0.0,
         plane_normal: 1.0,
         choice: 0.0,
         slope: 1.0,
         opacity: 1.0,
+        decided_opacity: 0.0,
         object_factor: 3.0,
         rendered: RenderedWeights {
             photometric: 0.0,
@@ -225,12 +153,12 @@ mod tests {
         let upper_half = |depth: &mut TrueDepth| (0..16).for_each(|y| (0..48).for_each(|x| depth.map[(x, y)] = 0.0));
         rendered.truth.iter_mut().for_each(|view| upper_half(view.depth.as_mut().unwrap()));
         let names = |sample: &Sample| named(sample, &rendered, |z| z > 0.0).iter().map(|t| t.0).collect::<Vec<_>>();
-        assert_eq!(names(&rendered), ["depth", "plane_normal", "slope", "opacity"]);
+        assert_eq!(names(&rendered), ["depth", "range_depth", "plane_normal", "slope", "opacity"]);
         let mut sample = rendered.clone();
         sample.truth.iter_mut().for_each(|view| view.normal = None);
-        assert_eq!(names(&sample), ["depth", "slope", "opacity"]);
+        assert_eq!(names(&sample), ["depth", "range_depth", "slope", "opacity"]);
         sample.truth[0] = ViewTruth::default();
-        assert_eq!(names(&sample), ["depth", "slope", "opacity"]);
+        assert_eq!(names(&sample), ["depth", "range_depth", "slope", "opacity"]);
         sample.truth[1] = ViewTruth::default();
         assert!(names(&sample).is_empty());
 

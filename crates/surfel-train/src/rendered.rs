@@ -102,7 +102,7 @@ fn seen<'a>(sample: &'a Sample, context: f64) -> impl Iterator<Item = Seen<'a>> 
     given.chain(held_out).filter(|view| view.counts > 0.0)
 }
 
-/// The terms with a weight and a truth: name, weight, mean over the views that have the truth.
+/// The terms with a weight and a truth, each the mean over the views that have the truth.
 ///
 /// # Errors
 /// When the surfels cannot be rendered or the views are too small for SSIM.
@@ -112,7 +112,7 @@ pub(crate) fn terms(
     weights: &RenderedWeights,
     perceptual: &Perceptual,
     device: &Device,
-) -> Result<Vec<(&'static str, f64, Tensor<1>)>, TrainError> {
+) -> Result<Vec<Term>, TrainError> {
     let recipe = weights.recipe();
     let mut of_views: Vec<(Term, f64)> = Vec::new();
     for Seen { image, camera, range, truth, counts } in seen(sample, weights.context) {
@@ -128,7 +128,7 @@ pub(crate) fn terms(
 }
 
 /// One term of each name, in the order of their first appearance.
-fn means(of_views: Vec<(Term, f64)>) -> Vec<(&'static str, f64, Tensor<1>)> {
+fn means(of_views: Vec<(Term, f64)>) -> Vec<Term> {
     let mut totals: Vec<(&'static str, f64)> = Vec::new();
     for (term, counts) in &of_views {
         match totals.iter_mut().find(|(name, _)| *name == term.name) {
@@ -140,7 +140,7 @@ fn means(of_views: Vec<(Term, f64)>) -> Vec<(&'static str, f64, Tensor<1>)> {
         let of_name = of_views.iter().filter(|(term, _)| term.name == name);
         let shares = of_name.clone().map(|(term, counts)| term.value.clone() * (counts / total));
         let weight = of_name.map(|(term, _)| term.weight).next()?;
-        Some((logged_as(name), weight, shares.reduce(|sum, share| sum + share)?))
+        Some(Term { name: logged_as(name), weight, value: shares.reduce(|sum, share| sum + share)? })
     };
     totals.iter().filter_map(mean).collect()
 }
@@ -180,18 +180,40 @@ fn known(photograph: &Grid<[f32; 3]>, truth: &ViewTruth, device: &Device) -> Tru
 mod tests {
     use super::*;
     use crate::source::tests::{analytic, with_targets};
-    use surfel_net::{NetConfig, Preset, SurfelNet};
+    use glam::DQuat;
+
+    /// A grey surfel that faces the first view at every pixel of its true depth.
+    fn grey(sample: &Sample, device: &Device) -> SurfelTensors {
+        let camera = &sample.cameras[0];
+        let place = |i: usize| {
+            let pixel = Camera::pixel_centre(i % camera.width, i / camera.width);
+            camera.unproject(pixel, f64::from(sample.truth[0].depth_at(i))).as_vec3().to_array()
+        };
+        let seen = (0..sample.num_pixels()).filter(|i| sample.truth[0].depth_at(*i) > 0.0);
+        let centres: Vec<f32> = seen.flat_map(place).collect();
+        let count = centres.len() / 3;
+        let world_from_camera = DQuat::from_mat3(&camera.camera_from_world.rotation.transpose());
+        let rotation = [world_from_camera.w, world_from_camera.x, world_from_camera.y, world_from_camera.z];
+        let rotation = Tensor::<1>::from_floats(rotation.map(|v| v as f32), device).unsqueeze_dim::<2>(0);
+        SurfelTensors {
+            centres: Tensor::from_data(TensorData::new(centres, [count, 3]), device),
+            scales: Tensor::ones([count, 2], device) * 5.0,
+            rotations: rotation.repeat_dim(0, count),
+            opacities: Tensor::ones([count], device) * 0.9,
+            sh: Tensor::zeros([count, 1, 3], device),
+            sh_degree: 0,
+        }
+    }
 
     #[test]
     fn views_held_out_count_beside_views_given() {
         let device = Device::flex();
-        let net = SurfelNet::new(NetConfig::preset(Preset::Tiny), &device).unwrap();
         let sample = with_targets(3, 1);
-        let surfels = net.forward(&sample.input(net.config()), &device).unwrap().surfels;
+        let surfels = grey(&sample, &device);
         let photometric = |sample: &Sample, context: f64| {
             let weights = RenderedWeights { photometric: 1.0, context, ..RenderedWeights::default() };
             let terms = terms(&surfels, sample, &weights, &Perceptual::Ssim, &device).unwrap();
-            terms.into_iter().map(|(_, _, value)| f64::from(value.into_scalar::<f32>())).next()
+            terms.into_iter().map(|term| f64::from(term.value.into_scalar::<f32>())).next()
         };
         let given = Sample { targets: Vec::new(), ..sample.clone() };
         assert_eq!(photometric(&given, 0.0), None);

@@ -9,7 +9,7 @@ use crate::augment::mirrored;
 use crate::cache::Cache;
 use crate::config::{SourceEntry, TrainConfig};
 use crate::error::TrainError;
-use crate::loss::{self, Said, Terms};
+use crate::loss::{self, Said};
 use crate::parameters::{self, Named};
 use crate::pictures;
 use crate::sample::Sample;
@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
-use surfel_loss::{Lpips, Perceptual};
+use surfel_loss::{Lpips, Perceptual, Terms};
 use surfel_net::{NetConfig, SurfelNet, checkpoint};
 use surfel_synth::{Random, Split};
 

@@ -9,7 +9,7 @@ const RANGE: DepthRange = DepthRange { near: 1.0, far: 4.0 };
 
 /// Checks the gradient of `term` at `start`. Each term is a mean over pixels: relative to the largest gradient,
 /// f32 leaves about 1e-3.
-fn check<const D: usize>(start: Tensor<D>, step: f32, term: impl Fn(Tensor<D>) -> Tensor<1>) {
+pub fn check<const D: usize>(start: Tensor<D>, step: f32, term: impl Fn(Tensor<D>) -> Tensor<1>) {
     let shape = start.dims();
     let values: Vec<f32> = start.into_data().try_into_vec().expect("f32");
     let tensor =
@@ -40,7 +40,7 @@ fn on<const D: usize>(like: &Tensor<D>, other: Tensor<D>) -> Tensor<D> {
 }
 
 /// `other` of another rank on the device of `like`.
-fn beside<const D: usize, const E: usize>(like: &Tensor<D>, other: Tensor<E>) -> Tensor<E> {
+pub fn beside<const D: usize, const E: usize>(like: &Tensor<D>, other: Tensor<E>) -> Tensor<E> {
     Tensor::from_data(other.into_data(), &like.device())
 }
 

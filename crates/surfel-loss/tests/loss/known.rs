@@ -38,7 +38,7 @@ pub fn value(term: Tensor<1>) -> f64 {
     f64::from(term.into_scalar::<f32>())
 }
 
-fn assert_is(term: Tensor<1>, expected: f64) {
+pub fn assert_is(term: Tensor<1>, expected: f64) {
     let found = value(term);
     assert!((found - expected).abs() < 1e-5, "{found} instead of {expected}");
 }

@@ -1,6 +1,7 @@
 //! All integration tests in one binary: linking burn is the slow part.
 
 mod differences;
+mod encoder;
 mod known;
 mod lpips;
 mod scene;

@@ -86,11 +86,11 @@ fn the_papers_stages_can_be_trained() {
     let (first, second) = (folder.path().join("first"), folder.path().join("second"));
     clips(&first.join("set"), &[9]);
     let (terms, validation) = trained(shipped(include_str!("../../configs/stage1.toml"), &first.join("set")), &first);
-    assert_eq!(terms, [["photometric", "ssim"]; 2]);
+    assert_eq!(terms, [["decided_opacity", "photometric", "ssim"]; 2]);
     assert!(validation["network"].is_null() && validation["new_views_psnr"].is_number());
     dtu(&second.join("set"), 7);
     let (terms, validation) = trained(shipped(include_str!("../../configs/stage2.toml"), &second.join("set")), &second);
-    assert_eq!(terms, [["alignment", "depth", "photometric", "rendered_depth", "ssim"]; 2]);
+    assert_eq!(terms, [["alignment", "decided_opacity", "photometric", "range_depth", "rendered_depth", "ssim"]; 2]);
     assert!(validation["network"].is_object() && validation["new_views_psnr"].is_number());
 }
 

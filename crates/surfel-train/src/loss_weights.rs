@@ -1,0 +1,58 @@
+//! How much each term of the loss weighs: the table `[loss]` of a configuration.
+//!
+//! Invariant: a weight of 0 switches its term off; it is not even computed.
+
+use crate::rendered::RenderedWeights;
+use serde::{Deserialize, Serialize};
+
+/// Weights of the terms; those of terms that only some networks or stages use are 0 unless given.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossWeights {
+    /// `L_d` in steps: [`surfel_loss::depth_in_steps`].
+    pub depth: f64,
+    /// `L_d` as the paper has it, in units of the depth range: [`surfel_loss::depth`].
+    #[serde(default)]
+    pub range_depth: f64,
+    /// `L_n`: orientation of the final surfels, [`surfel_loss::chord`].
+    pub normal: f64,
+    /// The same of the initial surfels.
+    pub initial_normal: f64,
+    /// The same of the planes under the surfels, before the head's say.
+    #[serde(default)]
+    pub plane_normal: f64,
+    /// How the depth map runs from pixel to pixel: [`surfel_loss::slope`].
+    #[serde(default)]
+    pub slope: f64,
+    /// Belief in the planes that are proposed to each block: [`surfel_loss::choice`].
+    #[serde(default)]
+    pub choice: f64,
+    /// Opacity as the probability that the depth is right: [`surfel_loss::calibrated_opacity`].
+    pub opacity: f64,
+    /// Opacities of the final surfels near 0 or 1: [`surfel_loss::opacity`].
+    #[serde(default)]
+    pub decided_opacity: f64,
+    /// How much more a pixel of an object counts in depth, slope and choice than one of its surroundings.
+    #[serde(default = "one")]
+    pub object_factor: f64,
+    /// Terms on maps rendered from the final surfels.
+    #[serde(default)]
+    pub rendered: RenderedWeights,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl LossWeights {
+    /// The weights at a step of the run.
+    pub fn at(&self, step: u64) -> Self {
+        Self { rendered: self.rendered.at(step), ..*self }
+    }
+
+    /// Whether a term looks at the surfels, or only at the encoder's maps.
+    pub fn needs_surfels(&self) -> bool {
+        [self.normal, self.initial_normal, self.decided_opacity].iter().any(|weight| *weight != 0.0)
+            || self.rendered.is_some()
+    }
+}
