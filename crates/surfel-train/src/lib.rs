@@ -16,6 +16,7 @@ pub mod error;
 mod facing;
 pub mod loss;
 mod loss_weights;
+mod metrics;
 mod new_views;
 pub mod parameters;
 mod pictures;
@@ -32,7 +33,7 @@ pub mod validate;
 
 pub use config::TrainConfig;
 pub use error::TrainError;
-pub use rendered::RenderedWeights;
+pub use loss_weights::RenderedWeights;
 pub use sample::Sample;
 pub use trainer::{Places, Trainer, Watcher};
 pub use truth::ViewTruth;

@@ -102,33 +102,14 @@ fn range_depth(depth: &Tensor<3>, sample: &Sample, device: &Device) -> Tensor<1>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rendered::RenderedWeights;
     use crate::source::tests::analytic;
     use crate::truth::{Hole, TrueDepth, ViewTruth};
 
-    const WEIGHTS: LossWeights = LossWeights {
-        depth: 1.0,
-        range_depth: 1.0,
-        normal: 1.0,
-        initial_normal: 0.0,
-        plane_normal: 1.0,
-        choice: 0.0,
-        slope: 1.0,
-        opacity: 1.0,
-        decided_opacity: 0.0,
-        object_factor: 3.0,
-        rendered: RenderedWeights {
-            photometric: 0.0,
-            perceptual: 0.0,
-            alignment: 0.0,
-            depth: 0.0,
-            normal: 0.0,
-            silhouette: 0.0,
-            depth_ratio: 0.0,
-            align_from: 0,
-            context: 1.0,
-        },
-    };
+    fn weights() -> LossWeights {
+        let text = "depth = 1.0\nrange_depth = 1.0\nnormal = 1.0\ninitial_normal = 0.0\nplane_normal = 1.0\nslope = 1.0\n\
+            opacity = 1.0\nobject_factor = 3.0";
+        toml::from_str(text).unwrap()
+    }
 
     /// The terms for maps that are right everywhere but sure of it only where `sure` says so.
     fn named(sample: &Sample, truth: &Sample, sure: impl Fn(f32) -> bool) -> Vec<(&'static str, f64)> {
@@ -144,7 +125,7 @@ mod tests {
             choice: None,
         };
         let said = Said { maps: &maps, surfels: None };
-        terms(said, sample, &WEIGHTS, &Perceptual::Ssim, &device).unwrap().named()
+        terms(said, sample, &weights(), &Perceptual::Ssim, &device).unwrap().named()
     }
 
     #[test]
@@ -168,5 +149,20 @@ mod tests {
         measured.truth.iter_mut().for_each(|view| view.depth.as_mut().unwrap().hole = Hole::Unmeasured);
         assert_eq!(opacity(&measured, |_| true), opacity(&measured, |z| z > 0.0));
         assert!((opacity(&measured, |_| true) + 0.9f64.ln()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn depth_of_the_encoder_is_compared_in_shares_of_the_range() {
+        let (sample, device) = (analytic(3), Device::flex());
+        let range = sample.ranges[0];
+        let depths = sample.truth.iter().flat_map(|view| view.depth.as_ref().unwrap().map.as_slice()).copied();
+        let depths: Vec<f32> = depths.map(|z| z + 0.1 * (range.far - range.near) as f32).collect();
+        let depth = || Tensor::from_data(TensorData::new(depths.clone(), [2, 32, 48]), &device);
+        let value = |sample: &Sample| f64::from(range_depth(&depth(), sample, &device).into_scalar::<f32>());
+        assert!((value(&sample) - (0.9 * 0.1 + 0.1 * 0.01)).abs() < 1e-4, "{}", value(&sample));
+        // A view of which nothing is known does not dilute the other.
+        let mut half = sample.clone();
+        half.truth[1] = ViewTruth::default();
+        assert!((value(&half) - value(&sample)).abs() < 1e-4);
     }
 }

@@ -1,8 +1,7 @@
-//! How much each term of the loss weighs: the table `[loss]` of a configuration.
+//! How much each term of the loss weighs: the tables `[loss]` and `[loss.rendered]` of a configuration.
 //!
 //! Invariant: a weight of 0 switches its term off; it is not even computed.
 
-use crate::rendered::RenderedWeights;
 use serde::{Deserialize, Serialize};
 
 /// Weights of the terms; those of terms that only some networks or stages use are 0 unless given.
@@ -54,5 +53,69 @@ impl LossWeights {
     pub fn needs_surfels(&self) -> bool {
         [self.normal, self.initial_normal, self.decided_opacity].iter().any(|weight| *weight != 0.0)
             || self.rendered.is_some()
+    }
+}
+
+/// Weights of the terms on rendered maps; all 0 unless given.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RenderedWeights {
+    /// Squared difference of colours.
+    pub photometric: f64,
+    /// LPIPS where its weights are given, else `1 - SSIM`.
+    pub perceptual: f64,
+    /// Surfels against the normals of their depth.
+    pub alignment: f64,
+    /// Median depth.
+    pub depth: f64,
+    /// Blended normals.
+    pub normal: f64,
+    /// Alpha against the pixels that show a surface; only where it is known which show none.
+    pub silhouette: f64,
+    /// Which depth the alignment looks at: 0 the expected one, which is smoother, 1 the median.
+    pub depth_ratio: f64,
+    /// First step with alignment: before surfels are near the surface it only flattens them.
+    pub align_from: u64,
+    /// How much a view given to the network counts where a view held out counts 1; among themselves all count the same.
+    pub context: f64,
+}
+
+impl Default for RenderedWeights {
+    fn default() -> Self {
+        Self {
+            photometric: 0.0,
+            perceptual: 0.0,
+            alignment: 0.0,
+            depth: 0.0,
+            normal: 0.0,
+            silhouette: 0.0,
+            depth_ratio: 0.0,
+            align_from: 0,
+            context: 1.0,
+        }
+    }
+}
+
+impl RenderedWeights {
+    /// Whether anything has to be rendered.
+    pub fn is_some(&self) -> bool {
+        let Self { photometric, perceptual, alignment, depth, normal, silhouette, .. } = *self;
+        [photometric, perceptual, alignment, depth, normal, silhouette].iter().any(|weight| *weight != 0.0)
+    }
+
+    /// The weights at a step of the run.
+    pub(crate) fn at(&self, step: u64) -> Self {
+        Self { alignment: if step < self.align_from { 0.0 } else { self.alignment }, ..*self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alignment_begins_at_its_step() {
+        let weights = RenderedWeights { alignment: 0.5, align_from: 3, ..RenderedWeights::default() };
+        assert_eq!([0, 2, 3, 9].map(|step| weights.at(step).alignment), [0.0, 0.0, 0.5, 0.5]);
     }
 }

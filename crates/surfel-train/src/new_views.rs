@@ -23,3 +23,26 @@ pub(crate) fn psnr(surfels: &SurfelTensors, sample: &Sample, device: &Device) ->
     };
     sample.targets.iter().map(of_target).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rendered::tests::grey;
+    use crate::source::tests::with_targets;
+    use surfel_core::Grid;
+
+    #[test]
+    fn a_tenth_off_is_twenty_decibels_and_equal_pictures_are_perfect() {
+        let device = Device::flex();
+        let mut sample = with_targets(3, 2);
+        let surfels = grey(&sample, &device);
+        for (target, offset) in sample.targets.iter_mut().zip([0.0, 0.1]) {
+            let maps = render(&surfels, &target.camera, &target.range.render_config()).unwrap();
+            let colours: Vec<f32> = maps.colour.permute([1, 2, 0]).into_data().try_into_vec().unwrap();
+            let colours = colours.as_chunks::<3>().0.iter().map(|rgb| rgb.map(|c| c + offset)).collect();
+            target.image = Grid::from_vec(target.image.width(), target.image.height(), colours);
+        }
+        let psnr = psnr(&surfels, &sample, &device).unwrap();
+        assert!((psnr[0] - 100.0).abs() < 1e-9 && (psnr[1] - 20.0).abs() < 1e-3, "{psnr:?}");
+    }
+}

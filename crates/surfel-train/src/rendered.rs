@@ -1,79 +1,28 @@
 //! The terms that look at what the surfels show to cameras, those of views held out first of all (paper: `L`; spec 4.3).
 //!
-//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: in each term every view held
-//! out that can tell it counts the same, every view given `context` times as much, and nothing is rendered unless a term has a weight and its truth.
+//! Between the network's surfels and `surfel-loss`, which knows the terms. Invariant: in each term every view held out
+//! that can tell it counts the same, every view given `context` times as much, and nothing is rendered unless a term has
+//! a weight and its truth.
 
 use crate::error::TrainError;
+use crate::loss_weights::RenderedWeights;
 use crate::sample::{Sample, Target};
 use crate::truth::{Hole, ViewTruth};
 use burn::tensor::{Device, Tensor, TensorData};
-use serde::{Deserialize, Serialize};
 use surfel_core::{Camera, Grid};
 use surfel_loss::{Perceptual, Recipe, Term, Truth, view_terms};
 use surfel_net::{DepthRange, SurfelTensors, render};
 
-/// Weights of the terms on rendered maps; all 0 unless given.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RenderedWeights {
-    /// Squared difference of colours.
-    pub photometric: f64,
-    /// LPIPS where its weights are given, else `1 - SSIM`.
-    pub perceptual: f64,
-    /// Surfels against the normals of their depth.
-    pub alignment: f64,
-    /// Median depth.
-    pub depth: f64,
-    /// Blended normals.
-    pub normal: f64,
-    /// Alpha against the pixels that show a surface; only where it is known which show none.
-    pub silhouette: f64,
-    /// Which depth the alignment looks at: 0 the expected one, which is smoother, 1 the median.
-    pub depth_ratio: f64,
-    /// First step with alignment: before surfels are near the surface it only flattens them.
-    pub align_from: u64,
-    /// How much a view given to the network counts where a view held out counts 1; among themselves all count the same.
-    pub context: f64,
-}
-
-impl Default for RenderedWeights {
-    fn default() -> Self {
-        Self {
-            photometric: 0.0,
-            perceptual: 0.0,
-            alignment: 0.0,
-            depth: 0.0,
-            normal: 0.0,
-            silhouette: 0.0,
-            depth_ratio: 0.0,
-            align_from: 0,
-            context: 1.0,
-        }
-    }
-}
-
-impl RenderedWeights {
-    /// Whether anything has to be rendered.
-    pub fn is_some(&self) -> bool {
-        let Self { photometric, perceptual, alignment, depth, normal, silhouette, .. } = *self;
-        [photometric, perceptual, alignment, depth, normal, silhouette].iter().any(|weight| *weight != 0.0)
-    }
-
-    /// The weights at a step of the run.
-    pub(crate) fn at(&self, step: u64) -> Self {
-        Self { alignment: if step < self.align_from { 0.0 } else { self.alignment }, ..*self }
-    }
-
-    fn recipe(&self) -> Recipe {
-        Recipe {
-            photometric: self.photometric,
-            perceptual: self.perceptual,
-            alignment: self.alignment,
-            rendered_depth: self.depth,
-            normal: self.normal,
-            silhouette: self.silhouette,
-            depth_ratio: self.depth_ratio,
-        }
+/// The weights as `surfel-loss` takes them.
+fn recipe(weights: &RenderedWeights) -> Recipe {
+    Recipe {
+        photometric: weights.photometric,
+        perceptual: weights.perceptual,
+        alignment: weights.alignment,
+        rendered_depth: weights.depth,
+        normal: weights.normal,
+        silhouette: weights.silhouette,
+        depth_ratio: weights.depth_ratio,
     }
 }
 
@@ -113,7 +62,7 @@ pub(crate) fn terms(
     perceptual: &Perceptual,
     device: &Device,
 ) -> Result<Vec<Term>, TrainError> {
-    let recipe = weights.recipe();
+    let recipe = recipe(weights);
     let mut of_views: Vec<(Term, f64)> = Vec::new();
     for Seen { image, camera, range, truth, counts } in seen(sample, weights.context) {
         let truth = known(image, truth, device);
@@ -177,13 +126,13 @@ fn known(photograph: &Grid<[f32; 3]>, truth: &ViewTruth, device: &Device) -> Tru
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::source::tests::{analytic, with_targets};
     use glam::DQuat;
 
     /// A grey surfel that faces the first view at every pixel of its true depth.
-    fn grey(sample: &Sample, device: &Device) -> SurfelTensors {
+    pub(crate) fn grey(sample: &Sample, device: &Device) -> SurfelTensors {
         let camera = &sample.cameras[0];
         let place = |i: usize| {
             let pixel = Camera::pixel_centre(i % camera.width, i / camera.width);
@@ -222,12 +171,6 @@ mod tests {
         assert!((of_given - held_out).abs() > 1e-4, "the test cannot tell one view from the other");
         let expected = (2.0 * 0.5 * of_given + held_out) / (2.0 * 0.5 + 1.0);
         assert!((photometric(&sample, 0.5).unwrap() - expected).abs() < 1e-6);
-    }
-
-    #[test]
-    fn alignment_begins_at_its_step() {
-        let weights = RenderedWeights { alignment: 0.5, align_from: 3, ..RenderedWeights::default() };
-        assert_eq!([0, 2, 3, 9].map(|step| weights.at(step).alignment), [0.0, 0.0, 0.5, 0.5]);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::cache::Cache;
 use crate::config::{SourceEntry, TrainConfig};
 use crate::error::TrainError;
 use crate::loss::{self, Said};
+use crate::metrics::{self, METRICS, Meter};
 use crate::parameters::{self, Named};
 use crate::pictures;
 use crate::sample::Sample;
@@ -17,14 +18,14 @@ use crate::source::Source;
 use crate::state::{self, State};
 use crate::validate::{Validation, validate};
 use burn::tensor::Device;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
-use std::time::Instant;
 use surfel_loss::{Lpips, Perceptual, Terms};
 use surfel_net::{NetConfig, SurfelNet, checkpoint};
 use surfel_synth::{Random, Split};
+
+pub use crate::metrics::StepReport;
 
 /// Samples made ahead of their use.
 const AHEAD: usize = 2;
@@ -35,25 +36,6 @@ pub trait Watcher: Sync {
     fn logged(&self, report: &StepReport);
     /// After a validation.
     fn validated(&self, step: u64, validation: &Validation);
-}
-
-/// Means over a logging interval.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepReport {
-    /// Steps done.
-    pub step: u64,
-    /// Steps of the run.
-    pub steps: u64,
-    /// Weighted loss.
-    pub loss: f64,
-    /// Terms by name, unweighted, each over the samples that have its truth.
-    pub terms: Vec<(&'static str, f64)>,
-    /// Norm of the gradient before clipping.
-    pub gradient_norm: f64,
-    /// Learning rate of the last step.
-    pub rate: f64,
-    /// Seconds per step.
-    pub seconds_per_step: f64,
 }
 
 /// Where things are that are no part of a run's settings.
@@ -108,7 +90,7 @@ impl Trainer {
             }
             State::new(parameters::read(&net))
         };
-        forget_after(&folder.join(METRICS), state.step)?;
+        metrics::forget_after(&folder.join(METRICS), state.step)?;
         let open = |entries: &[SourceEntry], split: Split, side: &str| {
             let open = |entry: &SourceEntry| {
                 let cache = Cache::new(Source::open(&entry.source, split, assets)?, &entry.source, cache, side)?;
@@ -190,14 +172,14 @@ impl Trainer {
             let due = |every: u64| step.is_multiple_of(every) || step == self.config.steps;
             if due(self.config.every.log) {
                 let report = meter.report(step, self.config.steps, self.rate(step - 1));
-                append(&self.folder.join(METRICS), &report.to_json())?;
+                metrics::append(&self.folder.join(METRICS), &report.to_json())?;
                 watcher.logged(&report);
                 meter = Meter::new();
             }
             if due(self.config.every.validate) && !self.validation.is_empty() {
                 let validation = self.validate()?;
                 let line = serde_json::json!({ "step": step, "validation": validation });
-                append(&self.folder.join(METRICS), &line)?;
+                metrics::append(&self.folder.join(METRICS), &line)?;
                 watcher.validated(step, &validation);
                 if let Some(score) = validation.score()
                     && self.state.best.is_none_or(|(best, _)| score > best)
@@ -297,9 +279,6 @@ fn fresh(config: NetConfig, seed: u64, device: &Device) -> Result<SurfelNet, Tra
 
 /// The checkpoint in a run's folder.
 const CHECKPOINT: &str = "checkpoint.safetensors";
-/// One JSON document a line: means of an interval, or a validation.
-const METRICS: &str = "metrics.jsonl";
-
 /// The sample that the run sees as its `number`th: epochs in an order of their own, half of them mirrored.
 fn draw(train: &[(u64, Cache)], config: &TrainConfig, number: u64) -> Result<Sample, TrainError> {
     let total = config.num_samples();
@@ -319,88 +298,4 @@ fn draw(train: &[(u64, Cache)], config: &TrainConfig, number: u64) -> Result<Sam
         chosen -= count;
     }
     Err(TrainError::EmptyScene)
-}
-
-/// Means over an interval.
-struct Meter {
-    start: Instant,
-    steps: f64,
-    samples: f64,
-    loss: f64,
-    norm: f64,
-    terms: Vec<TermSum>,
-}
-
-/// A term over the samples that have it.
-struct TermSum {
-    name: &'static str,
-    sum: f64,
-    samples: f64,
-}
-
-impl Meter {
-    fn new() -> Self {
-        Self { start: Instant::now(), steps: 0.0, samples: 0.0, loss: 0.0, norm: 0.0, terms: Vec::new() }
-    }
-
-    fn add_loss(&mut self, loss: f64, terms: &[(&'static str, f64)]) {
-        self.samples += 1.0;
-        self.loss += loss;
-        for (name, value) in terms {
-            match self.terms.iter_mut().find(|term| term.name == *name) {
-                Some(term) => (term.sum, term.samples) = (term.sum + value, term.samples + 1.0),
-                None => self.terms.push(TermSum { name, sum: *value, samples: 1.0 }),
-            }
-        }
-    }
-
-    fn add_step(&mut self, norm: f64) {
-        self.steps += 1.0;
-        self.norm += norm;
-    }
-
-    fn report(&self, step: u64, steps: u64, rate: f64) -> StepReport {
-        StepReport {
-            step,
-            steps,
-            loss: self.loss / self.samples,
-            terms: self.terms.iter().map(|term| (term.name, term.sum / term.samples)).collect(),
-            gradient_norm: self.norm / self.steps,
-            rate,
-            seconds_per_step: self.start.elapsed().as_secs_f64() / self.steps,
-        }
-    }
-}
-
-impl StepReport {
-    fn to_json(&self) -> serde_json::Value {
-        let terms: serde_json::Map<_, _> =
-            self.terms.iter().map(|(name, v)| ((*name).to_owned(), (*v).into())).collect();
-        serde_json::json!({
-            "step": self.step, "loss": self.loss, "terms": terms, "gradient_norm": self.gradient_norm,
-            "rate": self.rate, "seconds_per_step": self.seconds_per_step,
-        })
-    }
-}
-
-fn append(path: &Path, line: &serde_json::Value) -> Result<(), TrainError> {
-    let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
-    file.and_then(|mut file| writeln!(file, "{line}")).map_err(TrainError::unwritable(path))
-}
-
-/// Drops what was logged after the checkpoint: those steps are taken again.
-fn forget_after(path: &Path, step: u64) -> Result<(), TrainError> {
-    if !path.is_file() {
-        return Ok(());
-    }
-    let text = std::fs::read_to_string(path).map_err(TrainError::unreadable(path))?;
-    let kept: String = text
-        .lines()
-        .filter(|line| {
-            let value: Option<serde_json::Value> = serde_json::from_str(line).ok();
-            value.and_then(|value| value["step"].as_u64()).is_some_and(|at| at <= step)
-        })
-        .map(|line| format!("{line}\n"))
-        .collect();
-    std::fs::write(path, kept).map_err(TrainError::unwritable(path))
 }
