@@ -6,7 +6,7 @@
 use crate::error::TrainError;
 use crate::sample::Sample;
 use crate::sample_file::{read, write};
-use crate::source::{Source, SourceConfig};
+use crate::source::Source;
 use std::path::{Path, PathBuf};
 
 /// A folder of samples in front of a source.
@@ -20,8 +20,8 @@ impl Cache {
     ///
     /// # Errors
     /// When the folder cannot be made.
-    pub fn new(source: Source, config: &SourceConfig, folder: Option<&Path>, side: &str) -> Result<Self, TrainError> {
-        let folder = folder.map(|folder| folder.join(config.folder_name(side)));
+    pub fn new(source: Source, folder: Option<&Path>, side: &str) -> Result<Self, TrainError> {
+        let folder = folder.map(|folder| folder.join(source.folder_name(side)));
         if let Some(folder) = &folder {
             std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         }
@@ -53,7 +53,7 @@ mod tests {
         let config = config(3);
         let open = || Source::open(&config, Split::Train, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let cache = Cache::new(open(), &config, Some(folder.path()), "train").unwrap();
+        let cache = Cache::new(open(), Some(folder.path()), "train").unwrap();
         let (fresh, first, second) = (open().sample(5).unwrap(), cache.sample(5).unwrap(), cache.sample(5).unwrap());
         for cached in [&first, &second] {
             assert_eq!(cached.cameras, fresh.cameras);

@@ -25,7 +25,7 @@ pub(crate) fn of_blocks(proposals: &Choice, sample: &Sample, object_factor: f64,
     let maps = |values: Vec<f32>| -> Tensor<4> {
         Tensor::from_data(TensorData::new(values, [views, 1, rows, columns]), device)
     };
-    let steps: Vec<f32> = sample.seeds.iter().map(|seed| 1.0 / seed.step).collect();
+    let steps: Vec<f32> = sample.steps().iter().map(|step| 1.0 / step).collect();
     let inverse_step = Tensor::from_data(TensorData::new(steps, [views, 1, 1, 1]), device);
     let errors = (inside(proposals.proposed()) - maps(truth)) * inverse_step;
     choice(inside(proposals.scores.clone()), errors, maps(counts))

@@ -8,6 +8,7 @@ use crate::truth::ViewTruth;
 use surfel_core::{Camera, Grid, View};
 use surfel_net::{DepthRange, NetConfig, SceneInput, Seed};
 use surfel_stereo::MatchConfig;
+use surfel_stereo::candidates::Candidates;
 use surfel_stereo::photographs::match_photographs;
 use surfel_synth::{Random, RenderedView};
 
@@ -20,7 +21,7 @@ pub struct Sample {
     pub cameras: Vec<Camera>,
     /// Depths searched, scene units.
     pub ranges: Vec<DepthRange>,
-    /// What matching found.
+    /// What matching found in each view; empty where it was left out.
     pub seeds: Vec<Seed>,
     /// What is known of each view.
     pub truth: Vec<ViewTruth>,
@@ -59,40 +60,59 @@ const WIDENING: [f64; 2] = [0.4, 0.8];
 const HELD: [f64; 2] = [0.01, 0.99];
 
 impl Sample {
-    /// Matches rendered views `given` to the network; `random` widens the range that is searched, since nobody knows
-    /// it exactly. What they show to the cameras of views `held_out` becomes the targets.
+    /// Rendered views `given` to the network, not matched yet, and views `held_out` as targets; `random` widens the
+    /// range that is searched, since nobody knows it exactly.
     ///
     /// # Errors
-    /// When the views show no surface or the pretrained features cannot be read.
+    /// When the views show no surface.
     pub fn of(given: &[RenderedView], held_out: &[RenderedView], random: &mut Random) -> Result<Self, TrainError> {
         let range = searched_range(given, random).ok_or(TrainError::EmptyScene)?;
         let views = given.iter().map(|rendered| rendered.view.clone()).collect();
         let target =
             |rendered: &RenderedView| Target::new(rendered.view.clone(), range, ViewTruth::of_rendered(rendered));
-        let matched = Self::matched(views, range, given.iter().map(ViewTruth::of_rendered).collect())?;
-        Ok(Self { targets: held_out.iter().map(target).collect(), ..matched })
+        let sample = Self::new(views, range, given.iter().map(ViewTruth::of_rendered).collect());
+        Ok(Self { targets: held_out.iter().map(target).collect(), ..sample })
     }
 
-    /// Matches views in a range of depths, scene units; `truth` is what is known of each.
+    /// Views in a range of depths, scene units, not matched yet; `truth` is what is known of each.
+    pub fn new(views: Vec<View>, range: DepthRange, truth: Vec<ViewTruth>) -> Self {
+        Self {
+            cameras: views.iter().map(|view| view.camera).collect(),
+            ranges: vec![range; views.len()],
+            images: views.into_iter().map(|view| view.image.map(in_8_bits)).collect(),
+            seeds: Vec::new(),
+            truth,
+            targets: Vec::new(),
+        }
+    }
+
+    /// The sample with what matching finds in its views.
     ///
     /// # Errors
     /// When the pretrained features cannot be read.
-    pub fn matched(views: Vec<View>, range: DepthRange, truth: Vec<ViewTruth>) -> Result<Self, TrainError> {
-        let views: Vec<View> =
-            views.into_iter().map(|view| View { image: view.image.map(in_8_bits), ..view }).collect();
-        let ranges = vec![range; views.len()];
-        let neighbours: Vec<Vec<usize>> =
-            (0..views.len()).map(|v| (0..views.len()).filter(|&other| other != v).collect()).collect();
-        let limits: Vec<(f64, f64)> = ranges.iter().map(|range| (range.near, range.far)).collect();
+    pub fn matched(self) -> Result<Self, TrainError> {
+        let view = |(image, camera): (&Grid<[f32; 3]>, &Camera)| View::new("", image.clone(), *camera);
+        let views: Vec<View> = self.images.iter().zip(&self.cameras).map(view).collect();
+        let neighbours: Vec<Vec<usize>> = (0..views.len()).map(|v| self.others(v).collect()).collect();
+        let limits: Vec<(f64, f64)> = self.ranges.iter().map(|range| (range.near, range.far)).collect();
         let estimates = match_photographs(&views, &neighbours, &limits, &MatchConfig::default())?;
-        Ok(Self {
-            seeds: estimates.iter().map(Seed::from).collect(),
-            cameras: views.iter().map(|view| view.camera).collect(),
-            images: views.into_iter().map(|view| view.image).collect(),
-            ranges,
-            truth,
-            targets: Vec::new(),
-        })
+        Ok(Self { seeds: estimates.iter().map(Seed::from).collect(), ..self })
+    }
+
+    /// The views given but one.
+    fn others(&self, view: usize) -> impl Iterator<Item = usize> {
+        (0..self.num_views()).filter(move |other| *other != view)
+    }
+
+    /// Inverse depth per view given that moves a neighbour's pixel by about one, 1 / scene unit; matching's own where
+    /// it has been done.
+    pub fn steps(&self) -> Vec<f32> {
+        let of_geometry = |v: usize| {
+            let (others, DepthRange { near, far }) = (self.others(v), self.ranges[v]);
+            let others: Vec<Camera> = others.map(|other| self.cameras[other]).collect();
+            Candidates::for_pair(&self.cameras[v], &others, near, far, 1.0).step as f32
+        };
+        (0..self.num_views()).map(|v| self.seeds.get(v).map_or_else(|| of_geometry(v), |seed| seed.step)).collect()
     }
 
     /// Number of views the network is given.

@@ -12,7 +12,7 @@ use std::path::Path;
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::{DepthRange, Seed};
 
-/// Values of a camera and of its range: size, intrinsics, rotation, translation, near, far, step.
+/// Values of a camera and of its range: size, intrinsics, rotation, translation, near, far, step (0 of views held out).
 const CAMERA: usize = 2 + 4 + 9 + 3 + 2 + 1;
 /// Values of a pixel of a seed: plane, evidence, correlation, confidence.
 const SEED: usize = 7;
@@ -21,7 +21,7 @@ const TRUTH: usize = 5;
 /// Flags of a view: see [`known_values`].
 const KNOWN: usize = 4;
 
-/// The tensors of a file, view by view: those given to the network, which alone have seeds, then those held out.
+/// The tensors of a file, view by view: those given to the network, which alone may have seeds, then those held out.
 #[derive(Default)]
 struct Columns {
     cameras: Vec<f64>,
@@ -58,11 +58,11 @@ impl Columns {
 /// When the file cannot be written.
 pub(crate) fn write(sample: &Sample, path: &Path) -> Result<(), TrainError> {
     let mut columns = Columns::default();
-    for (v, seed) in sample.seeds.iter().enumerate() {
-        let camera = camera_values(&sample.cameras[v], &sample.ranges[v], seed.step);
+    for (v, step) in sample.steps().into_iter().enumerate() {
+        let camera = camera_values(&sample.cameras[v], &sample.ranges[v], step);
         columns.add_view(&sample.images[v], &sample.truth[v], camera);
-        columns.add_seed(seed);
     }
+    sample.seeds.iter().for_each(|seed| columns.add_seed(seed));
     for target in &sample.targets {
         columns.add_view(&target.image, &target.truth, camera_values(&target.camera, &target.range, 0.0));
     }
@@ -71,12 +71,11 @@ pub(crate) fn write(sample: &Sample, path: &Path) -> Result<(), TrainError> {
     let cameras: Vec<u8> = cameras.iter().flat_map(|value| value.to_le_bytes()).collect();
     let (seed, truth) = (bytes(&seed), bytes(&truth));
     let damaged = |reason: String| TrainError::Damaged { path: path.to_path_buf(), reason };
-    let ((width, height), given) = (sample.size(), sample.num_views());
-    let views = given + sample.targets.len();
+    let ((width, height), views) = (sample.size(), sample.num_views() + sample.targets.len());
     let tensors = [
         ("cameras", TensorView::new(Dtype::F64, vec![views, CAMERA], &cameras)),
         ("image", TensorView::new(Dtype::U8, vec![views, height, width, 3], &image)),
-        ("seed", TensorView::new(Dtype::F32, vec![given, height, width, SEED], &seed)),
+        ("seed", TensorView::new(Dtype::F32, vec![sample.seeds.len(), height, width, SEED], &seed)),
         ("truth", TensorView::new(Dtype::F32, vec![views, height, width, TRUTH], &truth)),
         ("known", TensorView::new(Dtype::U8, vec![views, KNOWN], &known)),
     ];
@@ -102,11 +101,10 @@ fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
     let tensor = |name: &str| file.tensor(name).map_err(|error| error.to_string());
     let (cameras, image, seed, truth) = (tensor("cameras")?, tensor("image")?, tensor("seed")?, tensor("truth")?);
     let [views, height, width, 3] = *image.shape() else { return Err("the images have another layout".to_owned()) };
-    let given = seed.shape().first().copied().filter(|given| (1..=views).contains(given));
-    let given = given.ok_or("it has no view, or more seeds than views")?;
+    let num_seeds = seed.shape().first().copied().unwrap_or_default();
     let shapes = [
         (cameras.shape(), vec![views, CAMERA]),
-        (seed.shape(), vec![given, height, width, SEED]),
+        (seed.shape(), vec![num_seeds, height, width, SEED]),
         (truth.shape(), vec![views, height, width, TRUTH]),
     ];
     if shapes.iter().any(|(found, expected)| found != expected) {
@@ -129,17 +127,23 @@ fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
         let (camera, range, step) = camera_from_values(&cameras[v * CAMERA..][..CAMERA]);
         let image = map(width, height, &colours[pixels.clone()], |rgb| rgb.map(|c| f32::from(c) / 255.0));
         let truth = truth_from_values(width, height, &truth[pixels.clone()], known[v]);
-        if v >= given {
+        if step == 0.0 {
             sample.targets.push(Target { image, camera, range, truth });
             continue;
         }
         sample.images.push(image);
         sample.cameras.push(camera);
         sample.ranges.push(range);
-        sample.seeds.push(seed_from_values(width, height, &seed[pixels], step));
+        if v < num_seeds {
+            sample.seeds.push(seed_from_values(width, height, &seed[pixels], step));
+        }
         sample.truth.push(truth);
     }
-    Ok(sample)
+    match (sample.num_views(), num_seeds) {
+        (0, _) => Err("it gives the network no view".to_owned()),
+        (given, seeds) if seeds != given && seeds != 0 => Err(format!("it has {seeds} seeds for {given} views")),
+        _ => Ok(sample),
+    }
 }
 
 fn seed_from_values(width: usize, height: usize, values: &[[f32; SEED]], step: f32) -> Seed {
@@ -231,6 +235,12 @@ mod tests {
         write(&sample, &path).unwrap();
         let back = read(&path).unwrap();
         assert_eq!((&back.targets, &back.images, &back.truth), (&sample.targets, &sample.images, &sample.truth));
-        assert_eq!((back.seeds.len(), back.cameras), (2, sample.cameras));
+        assert_eq!((back.seeds.len(), &back.cameras), (2, &sample.cameras));
+
+        let unmatched = Sample { seeds: Vec::new(), ..sample };
+        write(&unmatched, &path).unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!((&back.targets, &back.images, back.seeds.len()), (&unmatched.targets, &unmatched.images, 0));
+        assert_eq!(back.steps(), unmatched.steps());
     }
 }

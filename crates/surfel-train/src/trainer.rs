@@ -91,10 +91,13 @@ impl Trainer {
             State::new(parameters::read(&net))
         };
         metrics::forget_after(&folder.join(METRICS), state.step)?;
+        // Validation sets every network beside matching.
+        let matching = |split| net.config().seeded.is_some() || split == Split::Val;
         let open = |entries: &[SourceEntry], split: Split, side: &str| {
             let open = |entry: &SourceEntry| {
-                let cache = Cache::new(Source::open(&entry.source, split, assets)?, &entry.source, cache, side)?;
-                Ok((entry.num_samples, cache))
+                let source = Source::open(&entry.source, split, assets)?;
+                let source = if matching(split) { source } else { source.without_matching() };
+                Ok((entry.num_samples, Cache::new(source, cache, side)?))
             };
             entries.iter().map(open).collect::<Result<Vec<_>, TrainError>>()
         };

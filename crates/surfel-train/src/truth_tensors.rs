@@ -39,7 +39,7 @@ impl TruthTensors {
             places().flat_map(|(truth, pixel)| truth.normal_at(pixel).unwrap_or([0.0; 3])).collect();
         let has_normal: Vec<f32> = places().map(|(truth, pixel)| flag(truth.normal_at(pixel).is_some())).collect();
         let count = |is_object: bool| if is_object { object_factor as f32 } else { 1.0 };
-        let steps: Vec<f32> = sample.seeds.iter().map(|seed| 1.0 / seed.step).collect();
+        let steps: Vec<f32> = sample.steps().iter().map(|step| 1.0 / step).collect();
         Self {
             inverse_depth: tensor(depths().map(|z| if z > 0.0 { 1.0 / z } else { 1.0 }).collect()),
             has_depth: tensor(depths().map(|z| flag(z > 0.0)).collect()),

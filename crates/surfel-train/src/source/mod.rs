@@ -16,12 +16,13 @@ use crate::sample::Sample;
 use data_set::DataSet;
 use photographed::Photographed;
 use std::path::Path;
-use surfel_synth::{AssetLibrary, Random, Split};
+use surfel_synth::{AssetLibrary, Random, RenderedView, Split};
 
 /// A source, opened for one side of the split.
 pub struct Source {
     config: SourceConfig,
     opened: Opened,
+    matching: bool,
 }
 
 enum Opened {
@@ -45,7 +46,19 @@ impl Source {
             }
             (None, _) => Opened::Analytic,
         };
-        Ok(Self { config: config.clone(), opened })
+        Ok(Self { config: config.clone(), opened, matching: true })
+    }
+
+    /// The source without what matching finds, which only some networks ask for and which takes most of the time.
+    #[must_use]
+    pub fn without_matching(self) -> Self {
+        Self { matching: false, ..self }
+    }
+
+    /// What tells its samples from those of other sources, as the name of a folder.
+    pub(crate) fn folder_name(&self, side: &str) -> String {
+        let unmatched = if self.matching { "" } else { "-unmatched" };
+        format!("{}{unmatched}", self.config.folder_name(side))
     }
 
     /// The sample with a number.
@@ -55,13 +68,18 @@ impl Source {
     pub fn sample(&self, number: u64) -> Result<Sample, TrainError> {
         let mut random = Random::fork(self.config.seed, number);
         let seed = random.bits();
-        let rendered = match &self.opened {
-            Opened::Photographed(photographed) => return photographed.sample(&self.config, &mut random),
-            Opened::Scans(scans, library) => rendered::scans(library, &self.config, scans, seed)?,
-            Opened::Analytic => rendered::analytic(&self.config, seed, &mut random),
+        let rendered = |views: Vec<RenderedView>, random: &mut Random| {
+            let (given, held_out) = views.split_at(self.config.num_views);
+            Sample::of(given, held_out, random)
         };
-        let (given, held_out) = rendered.split_at(self.config.num_views);
-        Sample::of(given, held_out, &mut random)
+        let sample = match &self.opened {
+            Opened::Photographed(photographed) => photographed.sample(&self.config, &mut random),
+            Opened::Scans(scans, library) => {
+                rendered(rendered::scans(library, &self.config, scans, seed)?, &mut random)
+            }
+            Opened::Analytic => rendered(rendered::analytic(&self.config, seed, &mut random), &mut random),
+        };
+        if self.matching { sample?.matched() } else { sample }
     }
 }
 
@@ -110,5 +128,20 @@ pub(crate) mod tests {
             }
             assert!(seen > 800 && same > 7 * seen / 10, "{same} of {seen}");
         }
+    }
+
+    #[test]
+    fn without_matching_only_its_answer_is_missing() {
+        let open = || Source::open(&config(5), Split::Train, None).unwrap();
+        let (matched, unmatched) = (open().sample(2).unwrap(), open().without_matching().sample(2).unwrap());
+        assert_eq!(
+            (&unmatched.images, &unmatched.truth, &unmatched.ranges),
+            (&matched.images, &matched.truth, &matched.ranges)
+        );
+        assert!(unmatched.seeds.is_empty() && matched.seeds.len() == 2);
+        for (own, of_matching) in unmatched.steps().iter().zip(matched.steps()) {
+            assert!((0.5..2.0).contains(&(own / of_matching)), "{own} and {of_matching}");
+        }
+        assert_ne!(open().folder_name("train"), open().without_matching().folder_name("train"));
     }
 }

@@ -51,7 +51,7 @@ impl Photographed {
         Self { set, chooser }
     }
 
-    /// Draws a scene and views of it.
+    /// Draws a scene and views of it; they are not matched yet.
     ///
     /// # Errors
     /// [`TrainError::NoUsableScene`] when none that was drawn can be used, [`TrainError::Data`] for a file that is
@@ -61,7 +61,7 @@ impl Photographed {
         for _ in 0..MOST_DRAWS {
             let index = random.below(self.set.len());
             match self.set.with_scene(index, |scene| self.draw(scene, config, random))? {
-                Ok(scene) => return sample_of(scene),
+                Ok(scene) => return Ok(sample_of(scene)),
                 Err(unusable) => reason = unusable,
             }
         }
@@ -107,7 +107,7 @@ fn parallax(scene: TrainingScene, choice: &Choice) -> Drawn {
     }
 }
 
-fn sample_of(scene: TrainingScene) -> Result<Sample, TrainError> {
+fn sample_of(scene: TrainingScene) -> Sample {
     let TrainingScene { contexts, targets, near, far, .. } = scene;
     let range = DepthRange { near, far };
     let (views, truth) = contexts.into_iter().map(split).unzip();
@@ -115,7 +115,7 @@ fn sample_of(scene: TrainingScene) -> Result<Sample, TrainError> {
         let (view, truth) = split(view);
         Target::new(view, range, truth)
     };
-    Ok(Sample { targets: targets.into_iter().map(target).collect(), ..Sample::matched(views, range, truth)? })
+    Sample { targets: targets.into_iter().map(target).collect(), ..Sample::new(views, range, truth) }
 }
 
 /// The photograph, and what is known of it: where the set does not trust its truth, nothing is.
