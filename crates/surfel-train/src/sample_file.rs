@@ -102,13 +102,14 @@ fn sample_of(bytes: &[u8]) -> Result<Sample, String> {
     let (cameras, image, seed, truth) = (tensor("cameras")?, tensor("image")?, tensor("seed")?, tensor("truth")?);
     let [views, height, width, 3] = *image.shape() else { return Err("the images have another layout".to_owned()) };
     let num_seeds = seed.shape().first().copied().unwrap_or_default();
-    let shapes = [
-        (cameras.shape(), vec![views, CAMERA]),
-        (seed.shape(), vec![num_seeds, height, width, SEED]),
-        (truth.shape(), vec![views, height, width, TRUTH]),
+    let expected = [
+        (&cameras, Dtype::F64, vec![views, CAMERA]),
+        (&image, Dtype::U8, vec![views, height, width, 3]),
+        (&seed, Dtype::F32, vec![num_seeds, height, width, SEED]),
+        (&truth, Dtype::F32, vec![views, height, width, TRUTH]),
     ];
-    if shapes.iter().any(|(found, expected)| found != expected) {
-        return Err("its maps differ in size".to_owned());
+    if expected.iter().any(|(found, dtype, shape)| found.dtype() != *dtype || found.shape() != shape) {
+        return Err("its maps differ in size or hold other numbers".to_owned());
     }
     let known = match file.tensor("known") {
         Ok(known) if known.shape() == [views, KNOWN] => known.data().as_chunks::<KNOWN>().0.to_vec(),
