@@ -10,6 +10,7 @@ pub use check::{Check, check};
 
 use burn::tensor::{Device, Tensor};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -92,17 +93,24 @@ fn tried(name: &str, open: impl FnOnce() -> Result<Device, DeviceError>) -> Resu
         let two = Tensor::<1>::ones([1], &device) + 1.0;
         Ok((two.into_scalar::<f32>() == 2.0, device))
     };
-    // What a failing driver says belongs into our sentence, not between the lines of the console.
+    // What a failing driver says belongs into our sentence, not between the lines of the console. It fails on a thread
+    // of its own; the panic that reaches us only says that this thread is gone.
+    let first = Arc::new(Mutex::new(None));
+    let told = first.clone();
     let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
+    std::panic::set_hook(Box::new(move |panic| {
+        let mut first = told.lock().unwrap_or_else(PoisonError::into_inner);
+        first.get_or_insert_with(|| words(panic.payload()));
+    }));
     let outcome = catch_unwind(AssertUnwindSafe(addition));
     std::panic::set_hook(hook);
+    let first = first.lock().unwrap_or_else(PoisonError::into_inner).take();
     let unusable = |reason: String| DeviceError::Unusable { name: name.to_owned(), reason };
     match outcome {
         Ok(Ok((true, device))) => Ok(device),
         Ok(Ok((false, _))) => Err(unusable("it says that 1 + 1 is not 2".to_owned())),
         Ok(Err(error)) => Err(error),
-        Err(panic) => Err(unusable(words(&*panic))),
+        Err(panic) => Err(unusable(first.unwrap_or_else(|| words(&*panic)))),
     }
 }
 

@@ -29,7 +29,7 @@ impl KernelOps for CubeBackend {
         e: FloatTensor<Self>,
         kernel: Arc<dyn Kernel>,
     ) -> FloatTensor<Self> {
-        let device = Self::float_device(&a);
+        let device = a.device.clone();
         let inputs = [a, b, c, d, e].map(fetched);
         let output = kernel.forward(&inputs.each_ref().map(Vec::as_slice));
         Self::float_from_data(TensorData::new(output, kernel.shape()), &device)
@@ -45,7 +45,7 @@ impl KernelOps for CubeBackend {
         wanted: [bool; SLOTS],
         kernel: Arc<dyn Kernel>,
     ) -> Vec<Option<FloatTensor<Self>>> {
-        let device = Self::float_device(&a);
+        let device = a.device.clone();
         let shapes = [&a, &b, &c, &d, &e].map(|tensor| tensor.meta.shape().clone());
         let inputs = [a, b, c, d, e].map(fetched);
         let grads = kernel.backward(&inputs.each_ref().map(Vec::as_slice), &fetched(grad), wanted);
