@@ -58,7 +58,7 @@ initial=()
 if [ -e initial.safetensors ]; then initial=(--initial initial.safetensors); fi
 mkdir -p samples
 timeout --signal=INT "$seconds" ./surfelsplat train config.toml --device "$device" --assets assets --cache samples \
-    -o run "${initial[@]}" 2> >(tee "$out/train.log" >&2) || echo "run.sh: training ended with code $?" >&2
+    -o run "${initial[@]}" 2> >(tee "$out/train.log" >&2) && code=0 || code=$?
 
 for file in checkpoint last best; do
     if [ -e "run/$file.safetensors" ]; then
@@ -68,3 +68,8 @@ for file in checkpoint last best; do
 done
 cp run/metrics.jsonl "$out/" 2>/dev/null || true
 ls -la "$out"
+# 124: the time was up, which is how training usually ends here.
+if [ "$code" != 0 ] && [ "$code" != 124 ]; then
+    echo "run.sh: training failed with code $code" >&2
+    exit "$code"
+fi
