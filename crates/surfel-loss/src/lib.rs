@@ -2,8 +2,8 @@
 //!
 //! Sits between the maps of `surfel-net` and a training loop. One term per file, each a scalar tensor that gradients
 //! flow through. Of rendered maps: [`view_terms`] adds theirs up with their weights. Of the encoder's maps: [`depth`] or
-//! [`depth_in_steps`], [`slope`], [`chord`], [`choice`] and [`calibrated_opacity`], which a training loop adds up itself. Invariant: no term has a unit, so a scene
-//! measured in millimetres trains like the same scene in metres.
+//! [`depth_in_steps`], [`slope`], [`chord`], [`choice`] and [`calibrated_opacity`], which a training loop adds up itself.
+//! Invariant: no term has a unit, so a scene measured in millimetres trains like the same scene in metres.
 
 // burn's nested tensor types exceed the compiler's default depth.
 #![recursion_limit = "256"]

@@ -1,7 +1,7 @@
 //! How the depth map runs from pixel to pixel, against the truth: what orientations and meshes are made of.
 //!
-//! An error of a tenth of a step hardly counts as depth, and roughens a surface that alternates
-//! it. Invariant: an error that is the same everywhere costs nothing; an edge in a wrong place costs at most a step.
+//! An error of a tenth of a step hardly counts as depth, and roughens a surface that alternates it. Invariant: an error
+//! that is the same everywhere costs nothing; an edge in a wrong place costs at most a step.
 
 use crate::mean::weighted_mean;
 use burn::tensor::Tensor;

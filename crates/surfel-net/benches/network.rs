@@ -5,16 +5,15 @@
 
 use burn::tensor::ops::{GridSampleOptions, InterpolateMode};
 use burn::tensor::{Device, Distribution, Tensor, TensorData};
-use glam::{DQuat, DVec3};
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
-use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::cost_volume::{sweep, uniform_candidates, warps};
+use surfel_net::example_scene::ExampleScene;
 use surfel_net::ops::plane_sweep;
 use surfel_net::ops::plane_sweep::Base;
-use surfel_net::{DepthRange, NetConfig, Preset, SceneInput, Seed, SurfelNet};
+use surfel_net::{NetConfig, Preset, SceneInput, SurfelNet};
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 256;
@@ -31,39 +30,12 @@ fn best_ms(runs: usize, mut work: impl FnMut()) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-fn cameras() -> Vec<Camera> {
-    let camera = |v: usize| Camera {
-        intrinsics: Intrinsics { fx: 350.0, fy: 350.0, cx: 160.0, cy: 128.0 },
-        width: WIDTH,
-        height: HEIGHT,
-        camera_from_world: Rigid::from_quat(
-            DQuat::from_rotation_y(0.1 * v as f64),
-            DVec3::new(-0.4, 0.0, 0.0) * v as f64,
-        ),
-    };
-    vec![camera(0), camera(1)]
-}
-
-/// As if matching had found a slanted plane.
-fn seed() -> Seed {
-    let map = |value| Grid::filled(WIDTH, HEIGHT, value);
-    let planes = Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.4 + 2e-4 * x as f32 + 1e-4 * y as f32, 2e-4, 1e-4]);
-    let evidence = planes.map(|[w, ..]| [w + 1e-3, 1.0]);
-    Seed { planes, evidence, correlation: map(0.8), confidence: map(0.9), step: 5e-3 }
-}
-
 fn main() {
     // As the program does.
     surfel_net::keep_freed_memory();
     let device = Device::flex();
-    let (cameras, ranges) = (cameras(), [DepthRange { near: 1.0, far: 5.0 }; 2]);
-    let images: Vec<_> = (0..2)
-        .map(|v| {
-            Grid::from_fn(WIDTH, HEIGHT, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
-        })
-        .collect();
-    let seeds = [(); 2].map(|()| seed());
-    let scene = SceneInput { images: &images, cameras: &cameras, ranges: &ranges, seeds: &seeds };
+    let example = ExampleScene::new(WIDTH, HEIGHT);
+    let scene = example.input(true);
     let net = SurfelNet::new(NetConfig::preset(Preset::Small), &device).expect("the shipped weights load");
     println!("small network: {:?}", net.parts());
     let whole = best_ms(5, || {
@@ -76,12 +48,12 @@ fn main() {
     println!("the same, forward and backward: {training:.0} ms");
     print_peak_memory();
     print_peer(whole, training);
-    print_narrow(&SceneInput { seeds: &[], ..scene });
+    print_narrow(&example.input(false));
 
     let (width, height, channels, candidates) = (WIDTH / 4, HEIGHT / 4, 64, 64);
     let features = Tensor::<4>::random([2, channels, height, width], Distribution::Default, &device);
-    let warps = warps(&cameras, &[vec![1], vec![0]], 4);
-    let disparities: Vec<Vec<f32>> = ranges.iter().map(|range| uniform_candidates(range, candidates)).collect();
+    let warps = warps(scene.cameras, &[vec![1], vec![0]], 4);
+    let disparities: Vec<Vec<f32>> = scene.ranges.iter().map(|range| uniform_candidates(range, candidates)).collect();
     let geometry = Arc::new(sweep(warps.clone(), (width, height), disparities.clone(), Base::Zero));
     let ours = best_ms(9, || {
         std::hint::black_box(plane_sweep(features.clone(), geometry.clone()).into_data());

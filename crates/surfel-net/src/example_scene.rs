@@ -1,4 +1,4 @@
-//! A scene of two views that needs no file: what devices are checked on and costs are counted on.
+//! A scene of two views that needs no file: what devices are checked, costs counted and benches run on.
 //!
 //! Invariant: a function of its size alone.
 
@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3};
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 
 /// Two photographs of a slanted plane about two units away, as matching would have found it.
-pub(crate) struct ExampleScene {
+pub struct ExampleScene {
     images: [Grid<[f32; 3]>; 2],
     cameras: [Camera; 2],
     ranges: [DepthRange; 2],
@@ -17,7 +17,8 @@ pub(crate) struct ExampleScene {
 }
 
 impl ExampleScene {
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    /// Of this size, pixels.
+    pub fn new(width: usize, height: usize) -> Self {
         let image = |v: usize| {
             Grid::from_fn(width, height, |x, y| [0.1, 0.2, 0.3].map(|c| (c * (x + y * 2 + v * 5) as f32).sin().abs()))
         };
@@ -34,14 +35,14 @@ impl ExampleScene {
     }
 
     /// What a network is given of it; only one that is seeded wants seeds.
-    pub(crate) fn input(&self, seeded: bool) -> SceneInput<'_> {
+    pub fn input(&self, seeded: bool) -> SceneInput<'_> {
         let seeds = if seeded { &self.seeds[..] } else { &[] };
         SceneInput { images: &self.images, cameras: &self.cameras, ranges: &self.ranges, seeds }
     }
 }
 
-/// Two cameras that look at the same things.
-pub(crate) fn cameras(width: usize, height: usize) -> [Camera; 2] {
+/// Two cameras that look at the same things, of this size in pixels.
+pub fn cameras(width: usize, height: usize) -> [Camera; 2] {
     let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
     let camera = |v: usize| Camera {
         intrinsics: Intrinsics { fx: 1.1 * width as f64, fy: 1.1 * width as f64, cx, cy },

@@ -15,7 +15,7 @@ mod cost;
 pub mod cost_volume;
 mod depth;
 pub mod device;
-mod example_scene;
+pub mod example_scene;
 mod features;
 mod head;
 pub mod import;

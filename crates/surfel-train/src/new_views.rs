@@ -4,22 +4,22 @@
 
 use crate::error::TrainError;
 use crate::sample::{Sample, Target};
-use burn::tensor::{Device, Tensor, TensorData};
-use surfel_net::{SurfelTensors, render};
+use surfel_core::Grid;
+use surfel_net::{SurfelTensors, render, values};
+
+/// What a perfect picture counts, decibels; a mean with infinity in it would say nothing.
+const PERFECT: f64 = 100.0;
 
 /// PSNR in decibels of every view held out, colours in \[0, 1\]; a perfect picture counts as 100.
 ///
 /// # Errors
 /// When the surfels cannot be rendered.
-pub(crate) fn psnr(surfels: &SurfelTensors, sample: &Sample, device: &Device) -> Result<Vec<f64>, TrainError> {
+pub(crate) fn psnr(surfels: &SurfelTensors, sample: &Sample) -> Result<Vec<f64>, TrainError> {
     let of_target = |target: &Target| {
         let maps = render(surfels, &target.camera, &target.range.render_config())?;
-        let (width, height) = (target.image.width(), target.image.height());
-        let colours = target.image.as_slice().as_flattened().to_vec();
-        let photograph = Tensor::<3>::from_data(TensorData::new(colours, [height, width, 3]), device);
-        let error = maps.colour.clamp(0.0, 1.0).permute([1, 2, 0]) - photograph;
-        let squared = f64::from(error.square().mean().into_scalar::<f32>());
-        Ok(-10.0 * squared.max(1e-10).log10())
+        let colours = values(maps.colour.permute([1, 2, 0])).as_chunks::<3>().0.to_vec();
+        let picture = Grid::from_vec(target.image.width(), target.image.height(), colours);
+        Ok(surfel_eval::psnr::psnr(&picture, &target.image).min(PERFECT))
     };
     sample.targets.iter().map(of_target).collect()
 }
@@ -29,7 +29,7 @@ mod tests {
     use super::*;
     use crate::rendered::tests::grey;
     use crate::source::tests::with_targets;
-    use surfel_core::Grid;
+    use burn::tensor::Device;
 
     #[test]
     fn a_tenth_off_is_twenty_decibels_and_equal_pictures_are_perfect() {
@@ -42,7 +42,7 @@ mod tests {
             let colours = colours.as_chunks::<3>().0.iter().map(|rgb| rgb.map(|c| c + offset)).collect();
             target.image = Grid::from_vec(target.image.width(), target.image.height(), colours);
         }
-        let psnr = psnr(&surfels, &sample, &device).unwrap();
+        let psnr = psnr(&surfels, &sample).unwrap();
         assert!((psnr[0] - 100.0).abs() < 1e-9 && (psnr[1] - 20.0).abs() < 1e-3, "{psnr:?}");
     }
 }

@@ -9,6 +9,7 @@ use crate::sample::Sample;
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
 use surfel_core::normals::{normal_from_gradient, normal_from_rotation};
+use surfel_eval::Calibration;
 use surfel_net::{SurfelNet, values};
 
 /// Scores over the pixels of some samples, all or those of objects.
@@ -47,20 +48,21 @@ impl Validation {
     }
 }
 
+/// Relative depth error up to which a pixel counts as right.
+const RIGHT: f32 = 0.01;
+
 /// Errors of pixels, gathered over samples.
 #[derive(Default)]
 struct Tally {
     relative: Vec<f32>,
     angles: f64,
     num_angles: usize,
-    bins: [(f64, f64, f64); 10],
+    calibration: Calibration,
 }
 
 impl Tally {
     fn add(&mut self, relative: f32, confidence: f32) {
-        let right = if relative <= 0.01 { 1.0 } else { 0.0 };
-        let bin = &mut self.bins[((confidence * 10.0) as usize).min(9)];
-        *bin = (bin.0 + 1.0, bin.1 + right, bin.2 + f64::from(confidence));
+        self.calibration.add(confidence, relative <= RIGHT);
         self.relative.push(relative);
     }
 
@@ -75,15 +77,13 @@ impl Tally {
         if count == 0 {
             return None;
         }
-        let right = self.relative.iter().filter(|error| **error <= 0.01).count();
+        let right = self.relative.iter().filter(|error| **error <= RIGHT).count();
         let median = *self.relative.select_nth_unstable_by(count / 2, f32::total_cmp).1;
-        let square = |(n, right, confidence): (f64, f64, f64)| (right - confidence).powi(2) / n.max(1.0);
-        let calibration: f64 = self.bins.iter().map(|bin| square(*bin)).sum::<f64>() / count as f64;
         Some(Scores {
             within_1pct: right as f64 / count as f64,
             median_pct: 100.0 * f64::from(median),
             normal_deg: (self.num_angles > 0).then(|| self.angles / self.num_angles as f64),
-            calibration: calibration.sqrt(),
+            calibration: self.calibration.error()?,
         })
     }
 }
@@ -101,7 +101,7 @@ pub fn validate(
     for sample in samples {
         let sample = sample?;
         let prediction = net.forward(&sample.input(net.config()), &net.device())?;
-        psnrs.extend(new_views::psnr(&prediction.surfels, &sample, &net.device())?);
+        psnrs.extend(new_views::psnr(&prediction.surfels, &sample)?);
         let depth = values(prediction.maps.depth);
         let confidence = values(prediction.maps.confidence);
         let rotations = prediction.surfels.to_surfels().rotations;

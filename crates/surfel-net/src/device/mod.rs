@@ -12,6 +12,9 @@ use burn::tensor::{Device, Tensor};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// Kinds of devices that a build may lack, each named like the feature that brings it.
+const FEATURES: [&str; 3] = ["cuda", "vulkan", "wgpu"];
+
 /// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
@@ -48,42 +51,20 @@ pub fn named(name: &str) -> Result<Device, DeviceError> {
     };
     let open = || match (kind, number) {
         ("cpu", None) => Ok(Device::flex()),
-        ("cuda", number) => cuda(name, number.unwrap_or(0)),
-        ("vulkan", None) => vulkan(name),
-        ("wgpu", None) => wgpu(name),
-        _ => Err(unknown()),
+        #[cfg(feature = "cuda")]
+        ("cuda", number) => Ok(Device::cuda(number.unwrap_or(0))),
+        #[cfg(feature = "vulkan")]
+        ("vulkan", None) => Ok(Device::vulkan(burn::tensor::DeviceKind::DefaultDevice)),
+        #[cfg(feature = "wgpu")]
+        ("wgpu", None) => Ok(Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)),
+        _ => {
+            // What comes here is not built, for what is built was met above.
+            let feature = FEATURES.into_iter().find(|feature| *feature == kind);
+            let feature = feature.filter(|feature| number.is_none() || *feature == "cuda").ok_or_else(unknown)?;
+            Err(DeviceError::NotBuilt { name: name.to_owned(), feature })
+        }
     };
     tried(name, open)
-}
-
-#[cfg(feature = "cuda")]
-fn cuda(_: &str, number: usize) -> Result<Device, DeviceError> {
-    Ok(Device::cuda(number))
-}
-
-#[cfg(not(feature = "cuda"))]
-fn cuda(name: &str, _: usize) -> Result<Device, DeviceError> {
-    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "cuda" })
-}
-
-#[cfg(feature = "vulkan")]
-fn vulkan(_: &str) -> Result<Device, DeviceError> {
-    Ok(Device::vulkan(burn::tensor::DeviceKind::DefaultDevice))
-}
-
-#[cfg(not(feature = "vulkan"))]
-fn vulkan(name: &str) -> Result<Device, DeviceError> {
-    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "vulkan" })
-}
-
-#[cfg(feature = "wgpu")]
-fn wgpu(_: &str) -> Result<Device, DeviceError> {
-    Ok(Device::wgpu(burn::tensor::DeviceKind::DefaultDevice))
-}
-
-#[cfg(not(feature = "wgpu"))]
-fn wgpu(name: &str) -> Result<Device, DeviceError> {
-    Err(DeviceError::NotBuilt { name: name.to_owned(), feature: "wgpu" })
 }
 
 /// Opens a device and adds two numbers there. Drivers that are missing make burn panic, hence the catching.
@@ -132,6 +113,7 @@ mod tests {
         }
         #[cfg(not(feature = "cuda"))]
         assert!(named("cuda:1").unwrap_err().to_string().contains("--features cuda"));
+        assert_eq!(named("vulkan:1").unwrap_err(), DeviceError::Unknown("vulkan:1".to_owned()));
     }
 
     #[test]

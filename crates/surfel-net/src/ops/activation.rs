@@ -3,7 +3,7 @@
 //! Plain arithmetic without branches, so that the compiler turns the loops into vectors; `exp` and the Gaussian
 //! integral are polynomials here. Invariant: within 1e-6 of the exact function for arguments of any size.
 
-use super::kernel::{Kernel, SLOTS, blank, run, runs_on};
+use super::kernel::{Kernel, SLOTS, run, runs_on};
 use burn::tensor::Tensor;
 use burn::tensor::activation as burn_activation;
 use pulp::{Arch, Simd, WithSimd};
@@ -217,7 +217,7 @@ fn activate<const D: usize>(x: Tensor<D>, activation: Activation) -> Tensor<D> {
         return activation.by_burn(x);
     }
     let kernel = Elementwise { activation, shape: x.dims().to_vec() };
-    run([x.into_dispatch(), blank(&device), blank(&device), blank(&device), blank(&device)], kernel)
+    run(&device, [x.into_dispatch()], kernel)
 }
 
 pub(crate) fn gelu<const D: usize>(x: Tensor<D>) -> Tensor<D> {

@@ -237,5 +237,5 @@ pub fn group_norm(norm: &GroupNorm, x: Tensor<4>, activation: Activation, residu
     };
     let residual = residual.map_or_else(|| blank(&device), Tensor::into_dispatch);
     let [scales, shifts] = [scales, shifts].map(|param| param.val().into_dispatch());
-    run([x.into_dispatch(), scales, shifts, residual, blank(&device)], kernel)
+    run(&device, [x.into_dispatch(), scales, shifts, residual], kernel)
 }

@@ -59,7 +59,7 @@ pub enum Command {
 #[derive(Debug, Subcommand)]
 pub enum WeightsCommand {
     /// Say what a file of weights holds: network, licence, data, training, tensors.
-    Info(WeightsFileArgs),
+    Info(WeightsInfoArgs),
     /// Check a file of weights against its own description: every shape, every value, the checksum.
     Verify(WeightsFileArgs),
     /// Make weights from a checkpoint of SurfelSplat, MVSplat or UniMatch.
@@ -220,6 +220,16 @@ pub struct InspectArgs {
 pub struct WeightsFileArgs {
     /// The file: .safetensors, or for `info` also .pth, .pt or .ckpt.
     pub file: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct WeightsInfoArgs {
+    #[command(flatten)]
+    pub file: WeightsFileArgs,
+
+    /// Also count what the network multiplies for two photographs of 320x256; runs it once.
+    #[arg(long)]
+    pub cost: bool,
 }
 
 #[derive(Debug, Args)]

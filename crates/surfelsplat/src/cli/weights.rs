@@ -1,6 +1,8 @@
 //! `surfelsplat weights info | verify | import | pack`.
 
-use super::args::{NetPreset, WeightPrecision, WeightsCommand, WeightsFileArgs, WeightsImportArgs, WeightsPackArgs};
+use super::args::{
+    NetPreset, WeightPrecision, WeightsCommand, WeightsFileArgs, WeightsImportArgs, WeightsInfoArgs, WeightsPackArgs,
+};
 use super::print_line;
 use anyhow::{Context, Result, bail};
 use serde_json::json;
@@ -31,9 +33,10 @@ struct Part {
     values: usize,
 }
 
-fn info(args: &WeightsFileArgs, json: bool) -> Result<ExitCode> {
-    let file = args.file.display();
-    let source = Source::open(&args.file)?;
+fn info(args: &WeightsInfoArgs, json: bool) -> Result<ExitCode> {
+    let path = &args.file.file;
+    let file = path.display();
+    let source = Source::open(path)?;
     let header = source.header();
     let mut parts: BTreeMap<&str, Part> = BTreeMap::new();
     for name in source.names() {
@@ -45,13 +48,14 @@ fn info(args: &WeightsFileArgs, json: bool) -> Result<ExitCode> {
         tensors: parts.values().map(|part| part.tensors).sum(),
         values: parts.values().map(|part| part.values).sum(),
     };
-    // Of our own networks only; a configuration that no longer parses has no cost, and `verify` says why.
-    let config = header.net_config(&file.to_string()).ok();
-    let cost = config.map(|config| Cost::of(&config, COSTED_SIZE)).transpose()?.flatten();
+    let cost = match args.cost {
+        true => Cost::of(&header.net_config(&file.to_string())?, COSTED_SIZE)?,
+        false => None,
+    };
     if json {
         let Header { config, checksum, about, others } = &header;
         let document = json!({
-            "file": args.file, "format": source.format(), "types": source.types(), "total": total, "parts": parts,
+            "file": path, "format": source.format(), "types": source.types(), "total": total, "parts": parts,
             "licence": about.licence, "data": about.data, "training": about.training,
             "checksum": checksum, "config": config, "others": others,
             "multiply_adds": cost.as_ref().map(|cost| cost.multiply_adds), "multiply_adds_at": COSTED_SIZE,

@@ -4,7 +4,7 @@
 
 use crate::ops::conv::{self, Conv};
 use crate::ops::count;
-use crate::ops::kernel::{Kernel, SLOTS, blank, run, runs_on};
+use crate::ops::kernel::{Kernel, SLOTS, run, runs_on};
 use burn::tensor::Tensor;
 use burn::tensor::ops::ConvOptions;
 
@@ -51,5 +51,5 @@ pub fn conv2d(
         return burn::tensor::module::conv2d(input, weight, bias, options);
     }
     let bias = bias.unwrap_or_else(|| Tensor::zeros([outputs], &device));
-    run([input.into_dispatch(), weight.into_dispatch(), bias.into_dispatch(), blank(&device), blank(&device)], sizes)
+    run(&device, [input.into_dispatch(), weight.into_dispatch(), bias.into_dispatch()], sizes)
 }

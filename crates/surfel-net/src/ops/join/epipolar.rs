@@ -51,8 +51,9 @@ pub fn epipolar_attention(
     let neighbours = lines.warps.iter().map(Vec::len).sum::<usize>();
     // Scores and weighted sums of interpolated keys and values; landings outside the neighbour are counted as well.
     count::tell_product(&[2, neighbours, lines.num_pixels(), lines.num_candidates(), query.dims()[3]]);
+    let device = query.device();
     let kernel = Along { shape: query.dims(), num_heads, lines };
     let [query, key, value] = [query, key, value].map(Tensor::into_dispatch);
     let [depth_key, depth_value] = [depth_key, depth_value].map(Tensor::into_dispatch);
-    run([query, key, value, depth_key, depth_value], kernel)
+    run(&device, [query, key, value, depth_key, depth_value], kernel)
 }

@@ -4,7 +4,7 @@
 
 use crate::ops::count;
 use crate::ops::gather_attention::{self as attention, Inputs, Regions};
-use crate::ops::kernel::{Kernel, SLOTS, blank, run};
+use crate::ops::kernel::{Kernel, SLOTS, run};
 use burn::tensor::Tensor;
 use std::sync::Arc;
 
@@ -54,5 +54,5 @@ pub fn gather_attention(
     count::tell(2 * samples * query.dims()[1] as u64);
     let kernel = Gather { shape: query.dims(), num_heads, regions };
     let [query, key, value] = [query, key, value].map(Tensor::into_dispatch);
-    run([query, key, value, blank(&device), blank(&device)], kernel)
+    run(&device, [query, key, value], kernel)
 }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: no gradient flows to the proposing planes.
 
-use crate::ops::kernel::{Kernel, SLOTS, blank, run};
+use crate::ops::kernel::{Kernel, SLOTS, run};
 use crate::ops::propagate::{self, Proposals};
 use burn::tensor::Tensor;
 use std::sync::Arc;
@@ -25,5 +25,5 @@ impl Kernel for Arc<Proposals> {
 /// Planes `[views, 3, height, width]` of scores `[views, proposals, height / stride, width / stride]`.
 pub fn propagate_planes(scores: Tensor<4>, proposals: Arc<Proposals>) -> Tensor<4> {
     let device = scores.device();
-    run([scores.into_dispatch(), blank(&device), blank(&device), blank(&device), blank(&device)], proposals)
+    run(&device, [scores.into_dispatch()], proposals)
 }

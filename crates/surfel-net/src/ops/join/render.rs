@@ -41,7 +41,8 @@ impl Kernel for RenderJob {
 
 /// The packed picture `[NUM_PLANES, height, width]` of surfels that were checked to be renderable.
 pub(crate) fn render_planes(surfels: &SurfelTensors, job: RenderJob) -> Tensor<3> {
+    let device = surfels.centres.device();
     let SurfelTensors { centres, scales, rotations, opacities, sh, .. } = surfels.clone();
     let [centres, scales, rotations] = [centres, scales, rotations].map(Tensor::into_dispatch);
-    run([centres, scales, rotations, opacities.into_dispatch(), sh.into_dispatch()], job)
+    run(&device, [centres, scales, rotations, opacities.into_dispatch(), sh.into_dispatch()], job)
 }

@@ -3,7 +3,7 @@
 //! Invariant: no gradient flows to poses or candidates.
 
 use crate::ops::count;
-use crate::ops::kernel::{Kernel, SLOTS, blank, run};
+use crate::ops::kernel::{Kernel, SLOTS, run};
 use crate::ops::plane_sweep::{self as sweep, Sweep};
 use burn::tensor::Tensor;
 use std::sync::Arc;
@@ -39,6 +39,6 @@ pub fn plane_sweep(features: Tensor<4>, geometry: Arc<Sweep>) -> Tensor<4> {
     let Sweep { height, width, .. } = *geometry;
     count::tell_product(&[neighbours, geometry.num_candidates(), height, width, kernel.channels]);
     let features = features.permute([0, 2, 3, 1]).into_dispatch();
-    let volume: Tensor<4> = run([features, blank(&device), blank(&device), blank(&device), blank(&device)], kernel);
+    let volume: Tensor<4> = run(&device, [features], kernel);
     volume.permute([0, 2, 1, 3])
 }

@@ -144,13 +144,19 @@ impl<B: Backend + KernelOps, C: CheckpointStrategy> KernelOps for Autodiff<B, C>
     }
 }
 
-/// Fills the slots after the inputs that a kernel has.
+/// A tensor that nothing reads.
 pub(super) fn blank(device: &Device) -> DispatchTensor {
     Tensor::<1>::zeros([1], device).into_dispatch()
 }
 
-/// The output of a kernel, which burn differentiates through.
-pub(super) fn run<const D: usize>(inputs: [DispatchTensor; SLOTS], kernel: impl Kernel) -> Tensor<D> {
-    let [a, b, c, d, e] = inputs;
+/// The output of a kernel of at most [`SLOTS`] inputs on `device`, which burn differentiates through.
+pub(super) fn run<const N: usize, const D: usize>(
+    device: &Device,
+    inputs: [DispatchTensor; N],
+    kernel: impl Kernel,
+) -> Tensor<D> {
+    const { assert!(N <= SLOTS) };
+    let mut inputs = inputs.into_iter();
+    let [a, b, c, d, e] = std::array::from_fn(|_| inputs.next().unwrap_or_else(|| blank(device)));
     Tensor::from_dispatch(<Dispatch as KernelOps>::kernel(a, b, c, d, e, Arc::new(kernel)))
 }
