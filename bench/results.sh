@@ -18,10 +18,12 @@ tool=target/release/surfelsplat
 mkdir -p "$out"
 cargo build --release --quiet
 
-# A report's title becomes a section, its tables subsections.
+# A report's title becomes a section, its tables subsections; pictures and the long table behind one stay in OUT, and
+# where things lie on this machine is nobody's business.
 section() {
-    printf '\n## %s\n\n' "$1"
-    sed -e 's/^## /#### /' -e '/^# /d'
+    printf '\n## %s\n' "$1"
+    sed -e '/^## Counts per bin/,/^!\[/d' -e '/^!\[/d' -e 's/^## /#### /' -e '/^# /d' \
+        -e "s|$scenes/||g" -e "s|$out|OUT|g" | cat -s
 }
 
 printf '## Development scenes\n'
