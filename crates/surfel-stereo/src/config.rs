@@ -67,9 +67,9 @@ impl Default for Refinement {
     fn default() -> Self {
         Self {
             rounds: 3,
-            finer_rounds: 2,
-            window_radius: 4,
-            window_edge: 0.1,
+            finer_rounds: 3,
+            window_radius: 3,
+            window_edge: 0.06,
             window_agree_px: 0.5,
             fit_radius: 8,
             fit_reach: 4,

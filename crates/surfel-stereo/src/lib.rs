@@ -29,6 +29,10 @@ mod window_correlation;
 pub mod winner;
 pub mod zncc;
 
+/// Raised whenever the same photographs are given another depth: what was matched before is not to be mixed with what
+/// is matched now.
+pub const EDITION: u32 = 2;
+
 pub use config::MatchConfig;
 pub use cost_volume::MatchImage;
 pub use estimate::{DepthEstimate, MatchView, estimate_depths};

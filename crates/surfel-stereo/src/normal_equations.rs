@@ -13,21 +13,49 @@ use surfel_core::Grid;
 /// Evidence and guide, one plane per number.
 pub struct Layers {
     pub layout: Layout,
-    pub weight: Padded,
+    weight: Padded,
     w: Padded,
     colour: [Padded; 3],
+    /// Mean evidence around every pixel.
+    pub strength: Grid<f32>,
 }
 
 impl Layers {
     pub fn new(evidence: &Grid<Evidence>, guide: &Grid<[f32; 3]>, margin: usize) -> Self {
         let layout = Layout { width: evidence.width(), height: evidence.height(), margin };
+        let weight = Padded::new(layout, 0.0, |x, y| evidence[(x, y)].weight.max(0.0));
         Self {
             layout,
-            weight: Padded::new(layout, 0.0, |x, y| evidence[(x, y)].weight.max(0.0)),
+            strength: strength(&layout, &weight),
+            weight,
             w: Padded::new(layout, 0.0, |x, y| evidence[(x, y)].w),
             colour: std::array::from_fn(|c| Padded::new(layout, 0.0, |x, y| guide[(x, y)][c])),
         }
     }
+
+    /// The same evidence for another surface.
+    pub fn say(&mut self, surface: &Grid<Plane>) {
+        self.w = Padded::new(self.layout, 0.0, |x, y| surface[(x, y)].w);
+    }
+}
+
+/// Means over the pixels nearby.
+fn strength(layout: &Layout, weight: &Padded) -> Grid<f32> {
+    const SIDE: usize = 2 * STRENGTH_RADIUS + 1;
+    let mut means = Grid::filled(layout.width, layout.height, 0.0);
+    let mut columns = vec![0.0f32; layout.width + 2 * STRENGTH_RADIUS];
+    for (y, row) in means.as_mut_slice().chunks_exact_mut(layout.width).enumerate() {
+        let first = layout.index(0, y) - STRENGTH_RADIUS * (layout.stride() + 1);
+        columns.fill(0.0);
+        for dy in 0..SIDE {
+            let weights = &weight.data[first + dy * layout.stride()..];
+            columns.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight);
+        }
+        for (mean, window) in row.iter_mut().zip(columns.array_windows::<SIDE>()) {
+            *mean = window.iter().sum::<f32>() / (SIDE * SIDE) as f32;
+        }
+    }
+    means
 }
 
 /// The offsets of a neighbourhood that share a row.
@@ -67,8 +95,6 @@ pub struct Row {
     w: Vec<f32>,
     w_x: Vec<f32>,
     w_y: Vec<f32>,
-    /// Evidence summed over the rows nearby, with as many columns more on either side.
-    columns: Vec<f32>,
     inverse_reach_sq: Vec<f32>,
     /// `Σ weight · (1, dx, dy, dx², dx dy, dy², r, r dx, r dy)` with `r` the residual of the neighbour.
     sums: [Vec<f32>; 9],
@@ -77,36 +103,19 @@ pub struct Row {
 impl Row {
     /// Takes the current planes of a row.
     fn begin(&mut self, planes: &[Plane], padded: usize) {
-        let Self { w, w_x, w_y, columns, inverse_reach_sq, sums } = self;
+        let Self { w, w_x, w_y, inverse_reach_sq, sums } = self;
         for part in [&mut *w, w_x, w_y, inverse_reach_sq].into_iter().chain(sums) {
             part.resize(padded, 0.0);
         }
-        columns.resize(padded + 2 * STRENGTH_RADIUS, 0.0);
         for (plane, ((w, w_x), w_y)) in planes.iter().zip(w.iter_mut().zip(w_x).zip(w_y)) {
             (*w, *w_x, *w_y) = (plane.w, plane.w_x, plane.w_y);
         }
     }
 
-    /// How far the fit of each pixel of row `y` reaches: farther where there is less evidence nearby.
-    #[inline(always)]
-    fn measure(&mut self, layers: &Layers, reach: &Reach, y: usize) {
-        const SIDE: usize = 2 * STRENGTH_RADIUS + 1;
-        let stride = layers.layout.stride();
-        let first = layers.layout.index(0, y) - STRENGTH_RADIUS * (stride + 1);
-        self.columns.fill(0.0);
-        for dy in 0..SIDE {
-            let weights = &layers.weight.data[first + dy * stride..];
-            for (sum, weight) in self.columns.iter_mut().zip(weights) {
-                *sum += weight;
-            }
-        }
-        let windows = self.columns.array_windows::<SIDE>();
-        for (inverse_reach_sq, window) in self.inverse_reach_sq.iter_mut().zip(windows) {
-            let mut sum = window[0];
-            for column in &window[1..] {
-                sum += column;
-            }
-            *inverse_reach_sq = reach.inverse_sq(sum / (SIDE * SIDE) as f32);
+    /// How far the fit of each pixel reaches: farther where there is less evidence nearby.
+    fn measure(&mut self, strength: &[f32], reach: &Reach) {
+        for (inverse_reach_sq, strength) in self.inverse_reach_sq.iter_mut().zip(strength) {
+            *inverse_reach_sq = reach.inverse_sq(*strength);
         }
     }
 }
@@ -129,7 +138,7 @@ impl Reach {
 }
 
 /// Evidence weight of well-textured pixels.
-const STRONG: f32 = 0.25;
+pub const STRONG: f32 = 0.25;
 
 /// Evidence is averaged over this many pixels on either side to tell how strong it is.
 pub const STRENGTH_RADIUS: usize = 2;
@@ -153,7 +162,7 @@ impl WithSimd for FitRow<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         self.row.begin(self.planes, self.layers.layout.padded_width());
-        self.row.measure(self.layers, &self.reach, self.y);
+        self.row.measure(self.layers.strength.row(self.y), &self.reach);
         self.sum(simd);
         self.solve();
     }
@@ -163,7 +172,7 @@ impl FitRow<'_> {
     /// Fills the sums.
     #[inline(always)]
     fn sum<S: Simd>(&mut self, simd: S) {
-        let Layers { layout, weight: weights, w, colour: [red, green, blue] } = self.layers;
+        let Layers { layout, weight: weights, w, colour: [red, green, blue], .. } = self.layers;
         let Row { w: own_w, w_x, w_y, inverse_reach_sq, sums, .. } = &mut *self.row;
         let one = simd.splat_f32s(1.0);
         let zero = simd.splat_f32s(0.0);

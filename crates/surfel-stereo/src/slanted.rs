@@ -22,6 +22,12 @@ pub(crate) const REACH: usize = NUM_SHIFTS / 2;
 /// Correlation up to which a source sees something else here (an occluder) and has no say.
 const MIN_CORRELATION: f32 = 0.2;
 
+/// Lost correlation that is never to be excluded: what resampling alone costs.
+const LEAST_NOISE: f32 = 0.1;
+
+/// Lost correlation at which evidence weighs as much as its peak is sharp.
+const USUAL_NOISE: f32 = 0.1;
+
 /// The evidence of the photographs near the current surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Correction {
@@ -194,10 +200,12 @@ impl Votes {
         let curvature = 2.0 * scores[inner] - scores[inner - 1] - scores[inner + 1];
         let vertex = if curvature > 1e-6 { 0.5 * (scores[inner + 1] - scores[inner - 1]) / curvature } else { 0.0 };
         let offset = (inner as f32 - REACH as f32 + vertex.clamp(-1.0, 1.0)) * step;
-        // Sharp peak, good correlation: trust. The curvature is per (shift_px)², made per pixel².
+        // Sharp peak, good correlation: trust. The curvature is per (shift_px)², made per pixel². What noise moves a
+        // peak by has the variance (1 - correlation) / sharpness.
         let sharpness = (curvature / (shift_px * shift_px)).max(0.0);
         let quality = scores[best].clamp(0.0, 1.0);
-        let weight = sharpness * quality * quality;
+        let precision = sharpness * (LEAST_NOISE + USUAL_NOISE) / (LEAST_NOISE + 1.0 - quality);
+        let weight = precision * quality * quality;
         Some(Correction { evidence: Evidence { w: self.w + offset, weight }, correlation: scores[best] })
     }
 }
@@ -266,7 +274,7 @@ mod tests {
                 for x in 12..SIZE.0 - 5 {
                     let c = corrected[(x, y)];
                     let error_px = (c.evidence.w - exact[(x, y)].w) * px(x, y);
-                    assert!(error_px.abs() < 0.1 && c.correlation > 0.97, "{error_px} px at {x},{y}: {c:?}");
+                    assert!(error_px.abs() < 0.1 && c.correlation > 0.95, "{error_px} px at {x},{y}: {c:?}");
                 }
             }
         }

@@ -116,6 +116,12 @@ pub fn aggregate(volume: &CostVolume, guide: &Grid<f32>, smoothness: &Smoothness
     sum
 }
 
+/// Mean evidence around a pixel.
+pub fn strength(evidence: &Grid<Evidence>, (x, y): (usize, usize)) -> f32 {
+    let near = square(2).filter_map(|(dx, dy)| evidence.get(x as isize + dx, y as isize + dy));
+    near.map(|evidence| evidence.weight).sum::<f32>() / 25.0
+}
+
 /// Twin of [`crate::plane_fit::fit_planes`] at one pixel.
 pub fn fit_plane(
     evidence: &Grid<Evidence>,
@@ -126,8 +132,7 @@ pub fn fit_plane(
     (x, y): (usize, usize),
 ) -> Plane {
     let at = |dx: isize, dy: isize| evidence.get(x as isize + dx, y as isize + dy);
-    let strength = square(2).filter_map(|(dx, dy)| at(dx, dy)).map(|e| e.weight).sum::<f32>() / 25.0;
-    let inverse_reach_sq = reach(config).inverse_sq(strength);
+    let inverse_reach_sq = reach(config).inverse_sq(strength(evidence, (x, y)));
     let (mut m, mut v) = ([0.0f32; 6], [0.0f32; 3]);
     for (dx, dy) in neighbourhood(config) {
         let Some(q) = at(dx, dy).filter(|q| q.weight > 0.0) else { continue };

@@ -57,8 +57,8 @@ impl Source {
 
     /// What tells its samples from those of other sources, as the name of a folder.
     pub(crate) fn folder_name(&self, side: &str) -> String {
-        let unmatched = if self.matching { "" } else { "-unmatched" };
-        format!("{}{unmatched}", self.config.folder_name(side))
+        let matching = if self.matching { format!("matching{}", surfel_stereo::EDITION) } else { "unmatched".into() };
+        format!("{}-{matching}", self.config.folder_name(side))
     }
 
     /// The sample with a number.
