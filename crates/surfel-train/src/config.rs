@@ -26,6 +26,10 @@ pub struct TrainConfig {
     pub clip: f64,
     /// Learning rate over the steps.
     pub rate: OneCycle,
+    /// Parts of the network that learn, by the beginnings of their weights' names (`["head", "aggregation"]`); the
+    /// others keep what they know. Empty: all of it learns.
+    #[serde(default)]
+    pub learns: Vec<String>,
     /// Weights that are measured and kept are means over about `1 / (1 - averaging)` steps; 0 = the last ones.
     #[serde(default)]
     pub averaging: f64,

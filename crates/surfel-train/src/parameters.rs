@@ -30,6 +30,19 @@ pub fn assign(net: SurfelNet, named: &Named) -> SurfelNet {
     net.map(&mut Writer { path: Vec::new(), named })
 }
 
+/// The network of which only the weights learn whose names begin with one of `parts`.
+///
+/// # Errors
+/// The first of `parts` with which no weight's name begins.
+pub fn learning<'a>(net: SurfelNet, parts: &'a [String]) -> Result<SurfelNet, &'a str> {
+    let names = read(&net);
+    let is_unknown = |part: &&String| !names.keys().any(|name| name.starts_with(part.as_str()));
+    match parts.iter().find(is_unknown) {
+        Some(unknown) => Err(unknown),
+        None => Ok(net.map(&mut Teacher { path: Vec::new(), parts })),
+    }
+}
+
 struct Reader<'a> {
     path: Vec<String>,
     gradients: Option<&'a Gradients>,
@@ -76,5 +89,26 @@ impl ModuleMapper for Writer<'_> {
             let tensor = Tensor::from_data(TensorData::new(new.clone(), old.dims()), &old.device());
             if old.is_require_grad() { tensor.require_grad() } else { tensor }
         })
+    }
+}
+
+struct Teacher<'a> {
+    path: Vec<String>,
+    parts: &'a [String],
+}
+
+impl ModuleMapper for Teacher<'_> {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.join(".");
+        let learns = self.parts.iter().any(|part| name.starts_with(part.as_str()));
+        param.map(|weights| weights.set_require_grad(learns))
     }
 }

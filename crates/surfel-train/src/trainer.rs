@@ -77,8 +77,8 @@ impl Trainer {
     ) -> Result<Self, TrainError> {
         std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
         let device = device.cloned().unwrap_or_else(Device::flex).autodiff();
-        let network = config.network().map_err(|reason| TrainError::Config { path: folder.to_path_buf(), reason })?;
-        let mut net = fresh(network, config.seed, &device)?;
+        let unusable = |reason| TrainError::Config { path: folder.to_path_buf(), reason };
+        let mut net = fresh(config.network().map_err(unusable)?, config.seed, &device)?;
         let path = folder.join(CHECKPOINT);
         let state = if path.is_file() {
             let state = state::load(&config, &path)?;
@@ -90,6 +90,10 @@ impl Trainer {
             }
             State::new(parameters::read(&net))
         };
+        if !config.learns.is_empty() {
+            let unknown = |part: &str| unusable(format!("`learns` names {part:?}, but no weight begins with it"));
+            net = parameters::learning(net, &config.learns).map_err(unknown)?;
+        }
         metrics::forget_after(&folder.join(METRICS), state.step)?;
         // Validation sets every network beside matching.
         let matching = |split| net.config().seeded.is_some() || split == Split::Val;

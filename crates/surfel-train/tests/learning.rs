@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Mutex;
+use surfel_train::parameters;
 use surfel_train::trainer::StepReport;
 use surfel_train::validate::Validation;
 use surfel_train::{Places, RenderedWeights, TrainConfig, Trainer, Watcher};
@@ -76,6 +77,26 @@ fn a_short_run_learns_and_one_that_cannot_learn_is_found_out() {
     assert!(has_learned(&before, &after), "before {before:#?}\nafter {after:#?}");
     let (before, after) = train(maps_only(1e-12, 4), &folder.path().join("cannot"), &cache);
     assert!(!has_learned(&before, &after));
+}
+
+#[test]
+fn only_what_is_to_learn_learns() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("samples");
+    let config = TrainConfig { learns: vec!["head".to_owned(), "aggregation".to_owned()], ..config(1e-3, 3) };
+    let mut trainer = Trainer::new(config.clone(), &folder.path().join("run"), places(&cache)).unwrap();
+    let before = parameters::read(&trainer.kept_net());
+    trainer.run(3, &Losses::default()).unwrap();
+    let after = parameters::read(&trainer.kept_net());
+    for (name, weights) in &before {
+        let learns = ["head", "aggregation"].iter().any(|part| name.starts_with(part));
+        assert!(learns || *weights == after[name], "{name} has learned");
+    }
+    assert_ne!(before["head.second.weight"], after["head.second.weight"]);
+
+    let misspelt = TrainConfig { learns: vec!["heads".to_owned()], ..config };
+    let error = Trainer::new(misspelt, &folder.path().join("other"), places(&cache)).err().unwrap().to_string();
+    assert!(error.contains("`learns` names \"heads\""), "{error}");
 }
 
 #[test]
