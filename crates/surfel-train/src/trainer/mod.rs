@@ -4,31 +4,34 @@
 //! the seed and the step alone. Invariant: after a kill, the resumed run writes the same losses that the
 //! uninterrupted one would have.
 
+mod order;
+mod start;
+
 use crate::adam::{Adam, clipping};
-use crate::augment::mirrored;
 use crate::cache::Cache;
-use crate::config::{SourceEntry, TrainConfig};
+use crate::config::TrainConfig;
 use crate::error::TrainError;
 use crate::loss::{self, Said};
 use crate::metrics::{self, METRICS, Meter};
 use crate::parameters::{self, Named};
 use crate::pictures;
 use crate::sample::Sample;
-use crate::source::Source;
 use crate::state::{self, State};
 use crate::validate::{Validation, validate};
 use burn::tensor::Device;
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use order::draw;
+use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
-use surfel_loss::{Lpips, Perceptual, Terms};
-use surfel_net::{NetConfig, SurfelNet, checkpoint};
-use surfel_synth::{Random, Split};
+use surfel_loss::{Perceptual, Terms};
+use surfel_net::{SurfelNet, checkpoint};
 
 pub use crate::metrics::StepReport;
+pub use start::Places;
 
 /// Samples made ahead of their use.
 const AHEAD: usize = 2;
+/// The checkpoint in a run's folder.
+const CHECKPOINT: &str = "checkpoint.safetensors";
 
 /// Who is told how it goes.
 pub trait Watcher: Sync {
@@ -36,21 +39,6 @@ pub trait Watcher: Sync {
     fn logged(&self, report: &StepReport);
     /// After a validation.
     fn validated(&self, step: u64, validation: &Validation);
-}
-
-/// Where things are that are no part of a run's settings.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Places<'a> {
-    /// Folder of scans, textures and light maps.
-    pub assets: Option<&'a Path>,
-    /// Folder that keeps samples.
-    pub cache: Option<&'a Path>,
-    /// Weights to start from.
-    pub initial: Option<&'a Path>,
-    /// Weights of LPIPS; without them the perceptual term is `1 - SSIM`.
-    pub lpips: Option<&'a Path>,
-    /// Where the network computes; the CPU by default. Samples are always made on the CPU.
-    pub device: Option<&'a Device>,
 }
 
 /// A run.
@@ -66,54 +54,6 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Starts a run in `folder`, or goes on with the one that is there.
-    ///
-    /// # Errors
-    /// When assets, folder, checkpoint or weights cannot be used.
-    pub fn new(
-        config: TrainConfig,
-        folder: &Path,
-        Places { assets, cache, initial, lpips, device }: Places,
-    ) -> Result<Self, TrainError> {
-        std::fs::create_dir_all(folder).map_err(TrainError::unwritable(folder))?;
-        let device = device.cloned().unwrap_or_else(Device::flex).autodiff();
-        let unusable = |reason| TrainError::Config { path: folder.to_path_buf(), reason };
-        let mut net = fresh(config.network().map_err(unusable)?, config.seed, &device)?;
-        let path = folder.join(CHECKPOINT);
-        let state = if path.is_file() {
-            let state = state::load(&config, &path)?;
-            net = parameters::assign(net, &state.weights);
-            state
-        } else {
-            if let Some(path) = initial {
-                net = checkpoint::load(net, path)?;
-            }
-            State::new(parameters::read(&net))
-        };
-        if !config.learns.is_empty() {
-            let unknown = |part: &str| unusable(format!("`learns` names {part:?}, but no weight begins with it"));
-            net = parameters::learning(net, &config.learns).map_err(unknown)?;
-        }
-        metrics::forget_after(&folder.join(METRICS), state.step)?;
-        // Validation sets every network beside matching.
-        let matching = |split| net.config().seeded.is_some() || split == Split::Val;
-        let open = |entries: &[SourceEntry], split: Split, side: &str| {
-            let open = |entry: &SourceEntry| {
-                let source = Source::open(&entry.source, split, assets)?;
-                let source = if matching(split) { source } else { source.without_matching() };
-                Ok((entry.num_samples, Cache::new(source, cache, side)?))
-            };
-            entries.iter().map(open).collect::<Result<Vec<_>, TrainError>>()
-        };
-        let train = open(&config.train, Split::Train, "train")?;
-        let validation = open(&config.validation, Split::Val, "val")?;
-        let perceptual = match lpips {
-            Some(path) => Perceptual::Lpips(Box::new(Lpips::from_file(path, &device)?)),
-            None => Perceptual::Ssim,
-        };
-        Ok(Self { config, folder: folder.to_path_buf(), device, net, perceptual, state, train, validation })
-    }
-
     /// Steps done.
     pub fn step(&self) -> u64 {
         self.state.step
@@ -270,39 +210,4 @@ impl Trainer {
         let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
         validate(&self.kept_net().valid(), samples)
     }
-}
-
-/// The network that a seed names, whatever the device: drawn on the CPU. All of a process draw from one generator,
-/// hence one after the other.
-fn fresh(config: NetConfig, seed: u64, device: &Device) -> Result<SurfelNet, TrainError> {
-    use burn::module::Module as _;
-    static DRAWING: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = DRAWING.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let cpu = Device::flex().autodiff();
-    cpu.seed(seed);
-    let net = SurfelNet::new(config, &cpu)?;
-    Ok(if *device == cpu { net } else { net.fork(device) })
-}
-
-/// The checkpoint in a run's folder.
-const CHECKPOINT: &str = "checkpoint.safetensors";
-/// The sample that the run sees as its `number`th: epochs in an order of their own, half of them mirrored.
-fn draw(train: &[(u64, Cache)], config: &TrainConfig, number: u64) -> Result<Sample, TrainError> {
-    let total = config.num_samples();
-    let (epoch, place) = (number / total, (number % total) as usize);
-    let mut order: Vec<u64> = (0..total).collect();
-    let mut random = Random::fork(config.seed, epoch);
-    for i in (1..order.len()).rev() {
-        order.swap(i, random.below(i + 1));
-    }
-    let mut chosen = order[place];
-    for (count, cache) in train {
-        if chosen < *count {
-            let sample = cache.sample(chosen)?;
-            let mirror = Random::fork(config.seed.wrapping_add(1), number).chance(0.5);
-            return Ok(if mirror { mirrored(&sample) } else { sample });
-        }
-        chosen -= count;
-    }
-    Err(TrainError::EmptyScene)
 }
