@@ -28,6 +28,11 @@ impl Cache {
         Ok(Self { folder, source })
     }
 
+    /// Whether samples grow harder with their numbers, see [`Source`].
+    pub(crate) fn grows(&self) -> bool {
+        self.source.grows()
+    }
+
     /// The sample with a number, from disk or made now.
     ///
     /// # Errors

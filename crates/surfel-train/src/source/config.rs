@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use surfel_data::choice::Ramp;
 use surfel_synth::{Random, SynthConfig};
 
 /// Settings of a source.
@@ -76,6 +77,34 @@ pub struct Clips {
     pub min_gap: usize,
     /// Most frames from the first to the last view.
     pub max_gap: usize,
+    /// Easier samples to begin with, which a run sees in the order of their numbers; without it all are alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Beginning>,
+}
+
+/// Gaps that grow, from sample to sample, to those of [`Clips`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Beginning {
+    /// Fewest frames of the first sample.
+    pub min_gap: usize,
+    /// Most frames of the first sample.
+    pub max_gap: usize,
+    /// Samples after which the gaps are those of [`Clips`].
+    pub over: usize,
+}
+
+impl Clips {
+    /// Fewest and most frames, by the number of the sample.
+    pub(super) fn gaps(&self) -> [Ramp; 2] {
+        let ends = [self.min_gap, self.max_gap];
+        match self.from {
+            None => ends.map(Ramp::constant),
+            Some(Beginning { min_gap, max_gap, over }) => {
+                std::array::from_fn(|i| Ramp { first: [min_gap, max_gap][i], last: ends[i], steps: over })
+            }
+        }
+    }
 }
 
 /// Which photographs of DTU are used.
@@ -135,6 +164,11 @@ impl Scenes {
         }
     }
 
+    /// Whether samples grow harder with their numbers, and are to be seen in that order.
+    pub(crate) fn grow(&self) -> bool {
+        matches!(self, Self::Re10k(clips) | Self::Acid(clips) if clips.from.is_some())
+    }
+
     /// What tells these scenes from others of their kind, as part of the name of a folder.
     fn name(&self) -> String {
         match self {
@@ -145,8 +179,11 @@ impl Scenes {
                 format!("-{rooms}rooms-{least}to{most}deg-{defects}defects{sharpening}")
             }
             Self::Analytic(_) => String::new(),
-            Self::Re10k(Clips { folder, min_gap, max_gap }) | Self::Acid(Clips { folder, min_gap, max_gap }) => {
-                format!("-gap{min_gap}to{max_gap}-{}", short_name(folder))
+            Self::Re10k(clips) | Self::Acid(clips) => {
+                let Clips { folder, min_gap, max_gap, from } = clips;
+                let grown = |Beginning { min_gap, max_gap, over }| format!("-from{min_gap}to{max_gap}over{over}");
+                let from = from.map(grown).unwrap_or_default();
+                format!("-gap{min_gap}to{max_gap}{from}-{}", short_name(folder))
             }
             Self::Dtu(Dtu { folder, light }) => format!("-light{light}-{}", short_name(folder)),
             Self::BlendedMvs(BlendedMvs { folder, list }) => {
@@ -182,10 +219,18 @@ impl SourceConfig {
             return fault(format!("has num_views = {}; the network needs at least 2", self.num_views));
         }
         match &self.scenes {
-            Scenes::Re10k(Clips { min_gap, max_gap, .. }) | Scenes::Acid(Clips { min_gap, max_gap, .. })
-                if *min_gap == 0 || min_gap > max_gap =>
-            {
-                fault(format!("has min_gap = {min_gap} and max_gap = {max_gap}; they must be 1 <= min_gap <= max_gap"))
+            Scenes::Re10k(clips) | Scenes::Acid(clips) => {
+                let Clips { min_gap, max_gap, from, .. } = *clips;
+                let wrong = |min_gap: usize, max_gap: usize| min_gap == 0 || min_gap > max_gap;
+                match from {
+                    _ if wrong(min_gap, max_gap) => fault(format!(
+                        "has min_gap = {min_gap} and max_gap = {max_gap}; they must be 1 <= min_gap <= max_gap"
+                    )),
+                    Some(Beginning { min_gap, max_gap, .. }) if wrong(min_gap, max_gap) => fault(format!(
+                        "has from.min_gap = {min_gap} and from.max_gap = {max_gap}; they must be 1 <= min_gap <= max_gap"
+                    )),
+                    _ => Ok(()),
+                }
             }
             Scenes::Dtu(Dtu { light, .. }) if *light > 6 => fault(format!("has light = {light}; it is one of 0 to 6")),
             _ => Ok(()),

@@ -9,7 +9,7 @@ mod data_set;
 mod photographed;
 mod rendered;
 
-pub use config::{Analytic, BlendedMvs, Clips, Dtu, Scans, Scenes, SourceConfig};
+pub use config::{Analytic, Beginning, BlendedMvs, Clips, Dtu, Scans, Scenes, SourceConfig};
 
 use crate::error::TrainError;
 use crate::sample::Sample;
@@ -61,6 +61,11 @@ impl Source {
         format!("{}-{matching}", self.config.folder_name(side))
     }
 
+    /// Whether samples grow harder with their numbers.
+    pub(crate) fn grows(&self) -> bool {
+        self.config.scenes.grow()
+    }
+
     /// The sample with a number.
     ///
     /// # Errors
@@ -73,7 +78,7 @@ impl Source {
             Sample::of(given, held_out, random)
         };
         let sample = match &self.opened {
-            Opened::Photographed(photographed) => photographed.sample(&self.config, &mut random),
+            Opened::Photographed(photographed) => photographed.sample(&self.config, number, &mut random),
             Opened::Scans(scans, library) => {
                 rendered(rendered::scans(library, &self.config, scans, seed)?, &mut random)
             }

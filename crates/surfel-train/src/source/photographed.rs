@@ -3,14 +3,14 @@
 //! Scenes are drawn until one can be used: clips may be shorter than the gap asked for, and some have cameras that no
 //! network should see (spec 4.5, 4.6). Invariant: the same random numbers give the same sample.
 
-use super::config::{Clips, Scenes, SourceConfig};
+use super::config::{Scenes, SourceConfig};
 use super::data_set::DataSet;
 use crate::error::TrainError;
 use crate::sample::{Sample, Target};
 use crate::truth::{Hole, TrueDepth, ViewTruth};
 use std::path::Path;
 use surfel_core::{Grid, View};
-use surfel_data::choice::{Choice, GapChooser, PairChooser, Ramp};
+use surfel_data::choice::{Choice, GapChooser, PairChooser};
 use surfel_data::{DataError, SceneViews, TrainingScene, TrainingView, load};
 use surfel_net::DepthRange;
 use surfel_synth::Random;
@@ -42,8 +42,8 @@ impl Photographed {
     pub(super) fn new(set: DataSet, config: &SourceConfig) -> Self {
         let (num_contexts, num_targets) = (config.num_views, config.num_targets);
         let chooser = match &config.scenes {
-            Scenes::Re10k(Clips { min_gap, max_gap, .. }) | Scenes::Acid(Clips { min_gap, max_gap, .. }) => {
-                let [min_gap, max_gap] = [*min_gap, *max_gap].map(Ramp::constant);
+            Scenes::Re10k(clips) | Scenes::Acid(clips) => {
+                let [min_gap, max_gap] = clips.gaps();
                 Chooser::Gap(GapChooser { num_contexts, min_gap, max_gap, margin: 0, num_targets })
             }
             _ => Chooser::Pairs(PairChooser { num_contexts, num_targets, among: NEXT_SOURCES }),
@@ -51,16 +51,17 @@ impl Photographed {
         Self { set, chooser }
     }
 
-    /// Draws a scene and views of it; they are not matched yet.
+    /// Draws a scene and views of it for the sample with a number; they are not matched yet.
     ///
     /// # Errors
     /// [`TrainError::NoUsableScene`] when none that was drawn can be used, [`TrainError::Data`] for a file that is
     /// missing or damaged.
-    pub(super) fn sample(&self, config: &SourceConfig, random: &mut Random) -> Result<Sample, TrainError> {
+    pub(super) fn sample(&self, config: &SourceConfig, number: u64, random: &mut Random) -> Result<Sample, TrainError> {
+        let number = usize::try_from(number).unwrap_or(usize::MAX);
         let mut reason = String::new();
         for _ in 0..MOST_DRAWS {
             let index = random.below(self.set.len());
-            match self.set.with_scene(index, |scene| self.draw(scene, config, random))? {
+            match self.set.with_scene(index, |scene| self.draw(scene, config, number, random))? {
                 Ok(scene) => return Ok(sample_of(scene)),
                 Err(unusable) => reason = unusable,
             }
@@ -69,13 +70,19 @@ impl Photographed {
         Err(TrainError::NoUsableScene { folder, draws: MOST_DRAWS, reason })
     }
 
-    fn draw(&self, scene: &mut dyn SceneViews, config: &SourceConfig, random: &mut Random) -> Result<Drawn, DataError> {
+    fn draw(
+        &self,
+        scene: &mut dyn SceneViews,
+        config: &SourceConfig,
+        number: usize,
+        random: &mut Random,
+    ) -> Result<Drawn, DataError> {
         let num_views = scene.num_views();
         let choice = match &self.chooser {
-            Chooser::Gap(chooser) => chooser.choose(num_views, 0, random),
+            Chooser::Gap(chooser) => chooser.choose(num_views, number, random),
             Chooser::Pairs(chooser) => scene.pairs().and_then(|pairs| chooser.choose(pairs, num_views, random)),
         };
-        let Some(choice) = choice else { return Ok(Err(self.too_few(scene))) };
+        let Some(choice) = choice else { return Ok(Err(self.too_few(scene, number))) };
         match load(scene, &choice, config.width, config.height) {
             Ok(scene) => Ok(parallax(scene, &choice)),
             Err(error @ DataError::TooWide { .. }) => Ok(Err(error.to_string())),
@@ -83,12 +90,12 @@ impl Photographed {
         }
     }
 
-    fn too_few(&self, scene: &dyn SceneViews) -> String {
+    fn too_few(&self, scene: &dyn SceneViews, number: usize) -> String {
         let (name, num_views) = (scene.name(), scene.num_views());
         match &self.chooser {
             Chooser::Gap(GapChooser { num_contexts, min_gap, num_targets, .. }) => format!(
                 "{name} has {num_views} frames, too few for {num_contexts} views over a gap of {} with {num_targets} targets between; lower min_gap or num_targets, or add longer clips",
-                min_gap.first
+                min_gap.at(number)
             ),
             Chooser::Pairs(PairChooser { num_contexts, num_targets, .. }) => format!(
                 "no view of {name} has enough sources in pair.txt among its {num_views} cameras for {num_contexts} views and {num_targets} targets; lower num_views or num_targets, or complete pair.txt and cams"

@@ -5,7 +5,7 @@ use std::path::Path;
 use surfel_core::Camera;
 use surfel_synth::Split;
 use surfel_train::config::Intervals;
-use surfel_train::source::{Scenes, Source};
+use surfel_train::source::{Beginning, Scenes, Source};
 use surfel_train::trainer::StepReport;
 use surfel_train::validate::Validation;
 use surfel_train::{Places, TrainConfig, Trainer, Watcher};
@@ -64,6 +64,32 @@ fn clips_teach_what_photographs_alone_can_tell() {
     }
 }
 
+#[test]
+fn gaps_grow_from_sample_to_sample() {
+    let folder = tempfile::tempdir().unwrap();
+    clips(&folder.path().join("set"), &[9, 9]);
+    let text = format!(
+        "kind = \"re10k\"\nfolder = {:?}\nmin_gap = 8\nmax_gap = 8\nfrom = {{ min_gap = 2, max_gap = 2, over = 6 }}",
+        folder.path().join("set")
+    );
+    let source = Source::open(&config(&text).train[0].source, Split::Train, None).unwrap().without_matching();
+    let baseline = |number: u64| {
+        let sample = source.sample(number).unwrap();
+        sample.cameras[0].centre().distance(sample.cameras[1].centre())
+    };
+    let [first, middle, last, later] = [0, 3, 6, 60].map(baseline);
+    // The cameras stand on an arc, whose chords grow a little less than their number of frames: 2, 5, 8 and 8.
+    let [middle, last, later] = [middle, last, later].map(|baseline| baseline / first);
+    assert!((2.3..2.6).contains(&middle) && (3.5..4.1).contains(&last), "{middle} {last}");
+    assert!((0.9..1.1).contains(&(later / last)), "{later} {last}");
+    let mut backwards = config(&text);
+    if let Scenes::Re10k(clips) = &mut backwards.train[0].source.scenes {
+        clips.from = Some(Beginning { min_gap: 5, max_gap: 2, over: 6 });
+    }
+    let said = TrainConfig::from_toml(&toml::to_string(&backwards).unwrap()).unwrap_err();
+    assert!(said.contains("from.min_gap = 5 and from.max_gap = 2"), "{said}");
+}
+
 /// A stage as it ships, with the narrowest network, on a set of two photographs' size.
 fn shipped(stage: &str, set: &Path) -> TrainConfig {
     let mut config = TrainConfig::from_toml(stage).unwrap();
@@ -72,7 +98,10 @@ fn shipped(stage: &str, set: &Path) -> TrainConfig {
     for entry in config.train.iter_mut().chain(&mut config.validation) {
         (entry.num_samples, entry.source.width, entry.source.height) = (2, 64, 48);
         match &mut entry.source.scenes {
-            Scenes::Re10k(clips) => (clips.folder, clips.min_gap, clips.max_gap) = (set.to_owned(), 5, 7),
+            Scenes::Re10k(clips) => {
+                (clips.folder, clips.min_gap, clips.max_gap) = (set.to_owned(), 5, 7);
+                clips.from = clips.from.map(|from| Beginning { min_gap: 5, max_gap: 6, ..from });
+            }
             Scenes::Dtu(dtu) => dtu.folder = set.to_owned(),
             other => panic!("{other:?}"),
         }

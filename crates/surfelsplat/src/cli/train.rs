@@ -57,12 +57,12 @@ impl Watcher for Console {
         let terms: Vec<String> = report.terms.iter().map(|(name, value)| format!("{name} {value:.4}")).collect();
         let minutes = (report.steps - report.step) as f64 * report.seconds_per_step / 60.0;
         self.say(&format!(
-            "step {}/{}: loss {:.4} ({}), {:.2} s a step, {:.0} min left",
+            "step {}/{}: loss {:.4} ({}), {:.0} steps an hour, {:.0} min left",
             report.step,
             report.steps,
             report.loss,
             terms.join(", "),
-            report.seconds_per_step,
+            3600.0 / report.seconds_per_step,
             minutes
         ));
     }
