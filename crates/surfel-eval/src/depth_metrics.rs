@@ -33,6 +33,8 @@ pub struct DepthScore {
     pub mean_rel_error: f64,
     /// Root mean square error over pixels with a prediction, scene units.
     pub rmse: f64,
+    /// Median of the signed error over pixels with a prediction, scene units; above zero the prediction lies behind.
+    pub bias: f64,
 }
 
 /// Scores a prediction against a reference of the same camera; `None` when the reference has no depth.
@@ -41,6 +43,7 @@ pub fn score_depth(predicted: DepthMap, reference: DepthMap) -> Option<DepthScor
     let mut num_reference = 0usize;
     let mut abs_errors = Vec::new();
     let mut rel_errors = Vec::new();
+    let mut errors = Vec::new();
     for y in 0..grid.height() {
         for x in 0..grid.width() {
             let truth = grid[(x, y)];
@@ -50,9 +53,10 @@ pub fn score_depth(predicted: DepthMap, reference: DepthMap) -> Option<DepthScor
             num_reference += 1;
             let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
             if let Some(z) = predicted.lookup(predicted.pixel_from(pixel, reference.intrinsics)) {
-                let error = (f64::from(z) - f64::from(truth)).abs();
-                abs_errors.push(error);
-                rel_errors.push(error / f64::from(truth));
+                let error = f64::from(z) - f64::from(truth);
+                errors.push(error);
+                abs_errors.push(error.abs());
+                rel_errors.push(error.abs() / f64::from(truth));
             }
         }
     }
@@ -73,6 +77,7 @@ pub fn score_depth(predicted: DepthMap, reference: DepthMap) -> Option<DepthScor
         rmse: (abs_errors.iter().map(|e| e * e).sum::<f64>() / num_predicted).sqrt(),
         median_abs_error: median(&mut abs_errors),
         median_rel_error: median(&mut rel_errors),
+        bias: median(&mut errors),
     })
 }
 
@@ -99,6 +104,7 @@ impl DepthScore {
             median_rel_error: mean(|s| s.median_rel_error),
             mean_rel_error: mean(|s| s.mean_rel_error),
             rmse: mean(|s| s.rmse),
+            bias: mean(|s| s.bias),
         })
     }
 }
@@ -138,7 +144,9 @@ mod tests {
         assert!((score.coverage - 22.0 / 24.0).abs() < 1e-12);
         assert!((score.within_1pct - 21.0 / 24.0).abs() < 1e-12);
         assert!((score.within_half_pct - 21.0 / 24.0).abs() < 1e-12);
-        assert!((score.median_abs_error - 1.0).abs() < 1e-9);
+        assert!((score.median_abs_error - 1.0).abs() < 1e-9 && (score.bias - 1.0).abs() < 1e-9);
+        let nearer = score_depth(DepthMap::new(&reference, &K), DepthMap::new(&predicted, &K)).unwrap();
+        assert!((nearer.bias + 1.0).abs() < 1e-9, "{nearer:?}");
         assert!((score.mean_abs_error - (21.0 + 200.0) / 22.0).abs() < 1e-9);
         assert!((score.rmse - ((21.0 + 200.0f64 * 200.0) / 22.0).sqrt()).abs() < 1e-9);
     }

@@ -92,7 +92,7 @@ fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
          ten bins of the pixels that have a depth."
             .to_owned(),
         "Depth: shares are of all pixels with a true depth, a missing depth is a miss; errors are millimetres, over \
-         pixels with a depth. Normals: angle to the exact normals on object pixels, of the depth map and as the \
+         pixels with a depth; bias is the median of the signed error, above zero behind the surface. Normals: angle to the exact normals on object pixels, of the depth map and as the \
          surfels show them; MSE is the mean of the squared difference summed over x, y, z, and that over 3."
             .to_owned(),
         format!(
@@ -104,7 +104,7 @@ fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
     ]
 }
 
-const DEPTH_COLUMNS: [&str; 15] = [
+const DEPTH_COLUMNS: [&str; 16] = [
     "method",
     "size",
     "scene",
@@ -114,6 +114,7 @@ const DEPTH_COLUMNS: [&str; 15] = [
     "coverage, objects",
     "median error, objects",
     "mean error, objects",
+    "bias, objects",
     "normals of depth, deg",
     "normals, deg",
     "normal MSE (sum)",
@@ -138,6 +139,7 @@ fn depth_row(score: &SceneScore) -> Vec<Cell> {
         share(|d| d.coverage),
         length(|d| d.median_abs_error),
         length(|d| d.mean_abs_error),
+        length(|d| d.bias),
         angle(score.view.object_depth_normals),
         angle(normals),
         Cell::Value(normals.map_or(f64::NAN, |n| n.mse_sum), 4),

@@ -109,6 +109,7 @@ fn report(scored: &[Scored], args: &DepthArgs) -> Result<Report> {
         "coverage",
         "median error",
         "median error %",
+        "bias",
         "normals mean deg",
         "normals median deg",
         "normal MSE (sum)",
@@ -132,7 +133,7 @@ fn report(scored: &[Scored], args: &DepthArgs) -> Result<Report> {
     Ok(Report {
         title: format!("{} against {}", args.output.display(), args.scene.display()),
         notes: vec![
-            "Shares are of all reference pixels; a missing depth is a miss. Errors are in scene units, over pixels with a prediction. Normals are those of the depth maps.".to_owned(),
+            "Shares are of all reference pixels; a missing depth is a miss. Errors are in scene units, over pixels with a prediction; bias is the median of the signed error, above zero behind the reference. Normals are those of the depth maps.".to_owned(),
             format!("Distances count at most {cap:.4} scene units, which is also what a miss costs; only surface inside the reference silhouettes is scored."),
         ],
         tables: vec![table, chamfer_table(scored, args, cap)?],
@@ -150,6 +151,7 @@ fn row(name: &str, depth: &DepthScore, normal: Option<&NormalScore>) -> Vec<Cell
         Cell::Share(depth.coverage),
         Cell::Value(depth.median_abs_error, 4),
         Cell::Value(100.0 * depth.median_rel_error, 3),
+        Cell::Value(depth.bias, 4),
         normal(|n| n.mean_angle_deg, 2),
         normal(|n| n.median_angle_deg, 2),
         normal(|n| n.mse_sum, 4),
