@@ -6,7 +6,7 @@
 # SCENES holds the development scenes in their original formats, ASSETS the scanned objects (see `surfelsplat synth
 # --help`), PYTHON has numpy and opencv-python-headless (default python3; without OpenCV the peer's rows are left out),
 # LPIPS is the file of docs/lpips.md (without it that column is left out).
-# About twenty minutes on two cores.
+# About twenty-five minutes on two cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scenes=$1
@@ -29,6 +29,8 @@ section() {
 printf '## Development scenes\n'
 bench/scenes.sh "$scenes" "$out/scenes" "$python"
 bench/synth.sh "$assets" "$out/synth" "$python" 0..10 | section 'Rendered scenes of objects never trained on'
+bench/synth.sh "$assets" "$out/synth640" "$python" 0..10 640x512 | sed '/^## Depth and normals per scene/,$d' |
+    section 'The same at 640x512'
 "$tool" --quiet eval ablation --assets "$assets" --split val --seeds 0..10 -o "$out/ablation" | section 'Ablation'
 for method in matching network; do
     result=$out/scenes/dtu_23_24.$method
