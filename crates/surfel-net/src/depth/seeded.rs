@@ -29,7 +29,7 @@ const OWN_LEAD: f64 = 7.0;
 /// Corrections of a plane and a density per pixel.
 const PER_PIXEL: usize = 4;
 /// Offset, in steps, up to which matching knows better where it is sure.
-const FINE_STEPS: f64 = 0.5;
+const FINE_STEPS: f64 = 1.5;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
 const CORRECTION: f64 = 0.1;
 

@@ -18,7 +18,7 @@ OWN_LEAD = 7.0
 SCORE_GAIN = 10.0
 JUDGE_WIDTH = 16
 # Offset, in steps, up to which matching knows better where it is sure.
-FINE_STEPS = 0.5
+FINE_STEPS = 1.5
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
