@@ -31,6 +31,8 @@ impl Cost {
             return Ok(None);
         }
         let device = Device::flex();
+        // How many pixels surfels ask depends on how large fresh weights make them.
+        device.seed(0);
         let net = SurfelNet::new(config.clone(), &device)?;
         let scene = ExampleScene::new(width, height);
         let (prediction, multiply_adds) = multiply_adds(|| net.forward(&scene.input(config.seeded.is_some()), &device));
