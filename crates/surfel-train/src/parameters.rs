@@ -34,7 +34,7 @@ pub fn assign(net: SurfelNet, named: &Named) -> SurfelNet {
 ///
 /// # Errors
 /// The first of `parts` with which no weight's name begins.
-pub fn learning<'a>(net: SurfelNet, parts: &'a [String]) -> Result<SurfelNet, &'a str> {
+pub fn learning(net: SurfelNet, parts: &[String]) -> Result<SurfelNet, &str> {
     let names = read(&net);
     let is_unknown = |part: &&String| !names.keys().any(|name| name.starts_with(part.as_str()));
     match parts.iter().find(is_unknown) {
