@@ -101,9 +101,10 @@ impl SeededRefinement {
         let choice = Choice::new(scores.clone(), seeds);
         let planes = propagate_planes(scores, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
-        let offset = held(offset, &seeds.sureness);
-        let offset = if moves { offset } else { offset.zeros_like() };
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
+        // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.
+        let offset = held(offset, seeds.sureness.clone() * density.clone().detach());
+        let offset = if moves { offset } else { offset.zeros_like() };
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.
         let far = per_view(scene.ranges, |range| range.far_disparity(), &device);
@@ -118,11 +119,11 @@ impl SeededRefinement {
     }
 }
 
-/// Offsets in steps, drawn back to matching's depth where matching is sure and the offset small: a plane fitted to the
+/// Offsets in steps, drawn back to matching's depth where it is surely right and the offset small: a plane fitted to the
 /// photographs is finer than what a network learns, but a large mistake is not.
-fn held(offset: Tensor<4>, sureness: &Tensor<4>) -> Tensor<4> {
+fn held(offset: Tensor<4>, sureness: Tensor<4>) -> Tensor<4> {
     let is_small = (offset.clone() / FINE_STEPS).powi_scalar(2).neg().exp();
-    offset * (-(is_small * sureness.clone()) + 1.0)
+    offset * (-(is_small * sureness) + 1.0)
 }
 
 /// `1 / fx, 1 / fy` per view, `[views, 2, 1, 1]`, 1 / pixel.

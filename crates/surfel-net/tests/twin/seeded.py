@@ -216,8 +216,9 @@ class SeededRefinement(nn.Module):
         planes = propagated(self.scorer(known, context) + lead, proposals, stride)
         density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
         offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
-        # Where matching is sure, small offsets are drawn back to its depth.
-        offset = offset * (1 - seeds.confidence.square() * (-(offset / FINE_STEPS).square()).exp())
+        # Where matching is surely right, small offsets are drawn back to its depth.
+        sureness = seeds.confidence.square() * density.detach()
+        offset = offset * (1 - sureness * (-(offset / FINE_STEPS).square()).exp())
         moved = offset * step + seeds.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
         focal = cameras.intrinsics[:, :2, None, None].to(context.dtype)
