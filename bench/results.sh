@@ -6,7 +6,7 @@
 # SCENES holds the development scenes in their original formats, ASSETS the scanned objects (see `surfelsplat synth
 # --help`), PYTHON has numpy and opencv-python-headless (default python3; without OpenCV the peer's rows are left out),
 # LPIPS is the file of docs/lpips.md (without it that column is left out).
-# About twenty-five minutes on two cores.
+# About ten minutes on two cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scenes=$1
