@@ -10,7 +10,7 @@ use crate::config::MatchConfig;
 use crate::consistency::{Agreement, check};
 use crate::cost_volume::{CostVolume, MatchImage};
 use crate::fill::fill_untrusted;
-use crate::plane_fit::{Evidence, Plane, fit_curved, fit_planes};
+use crate::plane_fit::{Evidence, Plane, PlaneFit};
 use crate::pyramid::{Level, upsampled};
 use crate::semi_global::aggregate;
 use crate::slanted::{Correction, correct};
@@ -226,13 +226,14 @@ impl<'a> Stage<'a> {
                 })
             }
         };
+        let fit = |tolerance: f32| PlaneFit::new(&evidence, colour, tolerance, config);
         planes = match round {
             None => {
-                let once = fit_planes(&evidence, &planes, colour, step, config);
-                fit_planes(&evidence, &once, colour, step, config)
+                let fit = fit(step);
+                fit.planes(&fit.planes(&planes))
             }
-            Some(0) => fit_curved(&evidence, &planes, colour, step, config),
-            Some(_) => fit_curved(&evidence, &planes, colour, 0.5 * step, config),
+            Some(0) => fit(step).curved(&planes),
+            Some(_) => fit(0.5 * step).curved(&planes),
         };
         let (low, high) = (surface.candidates.first as f32, surface.candidates.last() as f32);
         planes.as_mut_slice().iter_mut().for_each(|p| p.w = p.w.clamp(low, high));

@@ -260,21 +260,22 @@ mod tests {
             w_y: -0.001,
         });
         let shift_px = 0.5;
-        let config = Refinement::default();
         let px = |x: usize, y: usize| {
             let warp = Warp::new(&cameras[0], &cameras[1]);
             warp.pixels_per_inverse_depth(x as f64, y as f64, surface(x as f64, y as f64)).unwrap() as f32
         };
-        // The exact plane stays, and one that is off by 0.4 pixels comes back.
-        for off_px in [0.0, 0.4] {
+        // The exact plane stays, and one that is off by 0.4 pixels comes back; a small window has less to be alike.
+        let wide = Refinement { window_radius: 4, window_edge: 0.1, ..Refinement::default() };
+        let tries = [(wide, 0.97), (Refinement::default(), 0.95)];
+        for ((config, alike), off_px) in tries.iter().flat_map(|t| [(t, 0.0), (t, 0.4)]) {
             let planes =
                 Grid::from_fn(SIZE.0, SIZE.1, |x, y| Plane { w: exact[(x, y)].w + off_px / px(x, y), ..exact[(x, y)] });
-            let corrected = correct(&a, &[b], &planes, shift_px, &config);
+            let corrected = correct(&a, &[b], &planes, shift_px, config);
             for y in 5..SIZE.1 - 5 {
                 for x in 12..SIZE.0 - 5 {
                     let c = corrected[(x, y)];
                     let error_px = (c.evidence.w - exact[(x, y)].w) * px(x, y);
-                    assert!(error_px.abs() < 0.1 && c.correlation > 0.95, "{error_px} px at {x},{y}: {c:?}");
+                    assert!(error_px.abs() < 0.1 && c.correlation > *alike, "{error_px} px at {x},{y}: {c:?}");
                 }
             }
         }

@@ -122,7 +122,7 @@ pub fn strength(evidence: &Grid<Evidence>, (x, y): (usize, usize)) -> f32 {
     near.map(|evidence| evidence.weight).sum::<f32>() / 25.0
 }
 
-/// Twin of [`crate::plane_fit::fit_planes`] at one pixel.
+/// Twin of [`crate::plane_fit::PlaneFit::planes`] at one pixel.
 pub fn fit_plane(
     evidence: &Grid<Evidence>,
     current: Plane,
