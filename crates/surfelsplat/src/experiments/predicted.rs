@@ -5,9 +5,10 @@
 use super::error::ExperimentError;
 use super::export::{stem, write_inputs};
 use super::method::{DepthFrom, Method};
+use crate::reconstruct::mesh::{MeshChoice, mesh_from_depth};
 use crate::reconstruct::{Options, Report, Walked};
 use std::path::Path;
-use surfel_core::{Camera, Grid, TriMesh};
+use surfel_core::{Camera, Grid, TriMesh, View};
 use surfel_eval::normal_metrics::{NormalMap, normal_map};
 use surfel_io::depth::read_pfm;
 use surfel_io::ply::read_ply_file;
@@ -44,7 +45,7 @@ impl Prediction {
     pub fn of(method: &Method, scene: &TrueScene, options: &Options, scratch: &Path) -> Result<Self, ExperimentError> {
         match (&method.depth, method.options(options)) {
             (DepthFrom::Files(folder), _) => Self::stored(&folder.join(&scene.name), scene),
-            (_, None) => Ok(Self::truth(scene)),
+            (_, None) => Self::truth(scene),
             (_, Some(options)) => {
                 write_inputs(&scene.views, scratch)?;
                 let camera = &scene.views[0].view.camera;
@@ -76,15 +77,23 @@ impl Prediction {
         Ok(Self { views, mesh, report: None })
     }
 
-    fn truth(scene: &TrueScene) -> Self {
+    /// The exact depth, and the mesh that the road would make of it: not the whole objects, since no photograph shows
+    /// their far sides and no method is asked for them.
+    fn truth(scene: &TrueScene) -> Result<Self, ExperimentError> {
         let view = |view: &surfel_synth::RenderedView| PredictedView {
             camera: view.view.camera,
             depth: view.depth.clone(),
             normals: Some(normal_map(&view.normal)),
             confidence: None,
         };
-        // Not the whole objects: no photograph shows their far sides, and no method is asked for them.
-        Self { views: scene.views.iter().map(view).collect(), mesh: None, report: None }
+        let photographs: Vec<View> = scene.views.iter().map(|view| view.view.clone()).collect();
+        let depths: Vec<Grid<f32>> = scene.views.iter().map(|view| view.depth.clone()).collect();
+        let stopped = |error: surfel_mesh::MeshError| ExperimentError::Reconstruct {
+            scene: scene.name.clone(),
+            source: Box::new(error.into()),
+        };
+        let (mesh, _) = mesh_from_depth(&photographs, &depths, MeshChoice::default()).map_err(stopped)?;
+        Ok(Self { views: scene.views.iter().map(view).collect(), mesh: Some(mesh), report: None })
     }
 
     /// What the road found, carried back from its working frame.

@@ -10,6 +10,7 @@ mod error;
 pub mod input;
 pub mod maps;
 pub mod matched_range;
+pub mod mesh;
 pub mod network;
 pub mod options;
 pub mod outputs;
@@ -27,6 +28,7 @@ pub use report::Report;
 use input::Input;
 use maps::{ViewMaps, render_views};
 use matched_range::MatchedRange;
+use mesh::{MeshChoice, mesh_from_depth, solid_depth};
 use network::{FirstScales, Learned};
 use outputs::{Outputs, write_report};
 use progress::Log;
@@ -34,15 +36,9 @@ use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mi
 use std::path::Path;
 use surfel_core::{Grid, Similarity, Surfels, TriMesh, View};
 use surfel_io::write::{PlacedMesh, StagedDir};
-use surfel_mesh::{DepthView, MeshConfig, MeshReport, TsdfConfig, mesh_from_views};
+use surfel_mesh::MeshReport;
 use surfel_stereo::DepthEstimate;
 use surfel_stereo::photographs::{features_of, match_views};
-
-/// Alpha from which a rendered pixel counts as surface.
-const SOLID: f32 = 0.5;
-
-/// An island of surface smaller than one triangle per this many solid pixels (about 0.1 % of them) is a floater.
-const PIXELS_PER_ISLAND_TRIANGLE: usize = 500;
 
 /// Reconstructs `scene` into the folder `out`.
 ///
@@ -195,48 +191,12 @@ impl Road {
     }
 
     fn mesh(&self, maps: &[ViewMaps], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
-        let solid: Vec<Grid<f32>> = maps
-            .iter()
-            .map(|m| {
-                Grid::from_fn(m.alpha.width(), m.alpha.height(), |x, y| {
-                    if m.alpha[(x, y)] >= SOLID { m.depth[(x, y)] } else { 0.0 }
-                })
-            })
-            .collect();
-        let depth_views: Vec<DepthView> = self
-            .views
-            .iter()
-            .zip(&solid)
-            .map(|(view, depth)| DepthView { camera: &view.camera, depth, colour: &view.image, weight: None })
-            .collect();
-        if solid.iter().all(|depth| depth.as_slice().iter().all(|&z| z <= 0.0)) {
-            return Ok((TriMesh::default(), empty_mesh_report()));
-        }
-        let mut config = MeshConfig::default();
-        let num_solid = solid.iter().map(|depth| depth.as_slice().iter().filter(|&&z| z > 0.0).count()).sum::<usize>();
-        config.min_triangles = config.min_triangles.max(num_solid / PIXELS_PER_ISLAND_TRIANGLE);
-        if let Some(voxel) = options.voxel {
-            config.tsdf = Some(TsdfConfig::uniform(voxel * self.working_from_scene.scale));
-        }
-        if let Some(keep) = options.keep_components {
-            config.keep = keep;
-        }
-        match mesh_from_views(&depth_views, &config) {
-            Err(surfel_mesh::MeshError::NoDepth { .. }) => Ok((TriMesh::default(), empty_mesh_report())),
-            result => result,
-        }
-    }
-}
-
-fn empty_mesh_report() -> MeshReport {
-    MeshReport {
-        masks: Vec::new(),
-        tsdf: TsdfConfig::uniform(1.0),
-        cut_pixels: 0,
-        num_blocks: 0,
-        num_bytes: 0,
-        extracted_triangles: 0,
-        components: surfel_mesh::ComponentReport::default(),
+        let depths: Vec<Grid<f32>> = maps.iter().map(solid_depth).collect();
+        let choice = MeshChoice {
+            voxel: options.voxel.map(|voxel| voxel * self.working_from_scene.scale),
+            keep_components: options.keep_components,
+        };
+        mesh_from_depth(&self.views, &depths, choice)
     }
 }
 
