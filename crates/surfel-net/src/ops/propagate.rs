@@ -1,14 +1,18 @@
-//! Plane propagation: each pixel takes a weighted mean of the planes its surroundings propose for it.
+//! Plane propagation: each pixel joins one of the surfaces that its surroundings propose for it.
 //!
 //! A proposal is a neighbour's plane in inverse depth, continued to the pixel. The weights are a softmax over
-//! the proposals, shared by blocks of `stride` x `stride` pixels. Joins a mistaken pixel to the surface beside
-//! it without ever averaging depths across an edge. Invariant: equal planes everywhere come back unchanged,
-//! whatever the weights.
+//! the proposals, shared by blocks of `stride` x `stride` pixels. Proposals within [`REACH`] of each other are one
+//! surface; the pixel takes the weighted mean of the surface with the most weight. A mean over all would put an
+//! undecided pixel between two surfaces, where nothing is. Invariant: equal planes everywhere come back unchanged,
+//! whatever the weights, and what comes back lies within [`REACH`] of a proposal.
 
 use rayon::prelude::*;
 
 /// Proposals farther than this from the pixel's own plane are drawn in, steps.
 const FARTHEST: f32 = 64.0;
+
+/// Proposals this far from the one in their middle are of its surface, steps.
+pub const REACH: f32 = 4.0;
 
 /// The planes of all views and where proposals come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,15 +62,15 @@ pub fn forward(scores: &[f32], proposals: &Proposals) -> Vec<f32> {
         let (w_x, w_y) = slopes.split_at_mut(pixels);
         let rows = w.par_chunks_mut(width).zip(w_x.par_chunks_mut(width)).zip(w_y.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((w, w_x), w_y))| {
-            let mut weights = vec![0.0f32; proposals.offsets.len()];
+            let mut pixel = Pixel::new(proposals.offsets.len());
             for x in 0..width {
                 if x % proposals.stride == 0 {
-                    softmax_at(scores, proposals, view, x / proposals.stride, y / proposals.stride, &mut weights);
+                    pixel.weigh(scores, proposals, view, x / proposals.stride, y / proposals.stride);
                 }
+                pixel.choose(proposals, view, x, y);
                 let mut sum = [0.0f32; 3];
-                for (k, weight) in weights.iter().enumerate() {
-                    let plane = proposals.at(view, x, y, k);
-                    sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum += weight * value);
+                for (share, plane) in pixel.shares.iter().zip(&pixel.planes) {
+                    sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum += share * value);
                 }
                 [w[x], w_x[x], w_y[x]] = sum;
             }
@@ -84,23 +88,22 @@ pub fn backward(scores: &[f32], proposals: &Proposals, grad: &[f32]) -> Vec<f32>
     by_row.par_chunks_mut(count * columns).enumerate().for_each(|(row, out)| {
         let (view, block_y) = (row / rows, row % rows);
         let grad = &grad[view * 3 * pixels..][..3 * pixels];
-        let (mut weights, mut gains) = (vec![0.0f32; count], vec![0.0f32; count]);
+        let mut pixel = Pixel::new(count);
+        let mut gains = vec![0.0f32; count];
         for block_x in 0..columns {
-            softmax_at(scores, proposals, view, block_x, block_y, &mut weights);
-            gains.fill(0.0);
+            pixel.weigh(scores, proposals, view, block_x, block_y);
             for y in block_y * proposals.stride..(block_y + 1) * proposals.stride {
                 for x in block_x * proposals.stride..(block_x + 1) * proposals.stride {
-                    let pixel = y * proposals.width + x;
-                    let g = [grad[pixel], grad[pixels + pixel], grad[2 * pixels + pixel]];
-                    for (k, gain) in gains.iter_mut().enumerate() {
-                        let plane = proposals.at(view, x, y, k);
-                        *gain += g[0] * plane[0] + g[1] * plane[1] + g[2] * plane[2];
+                    pixel.choose(proposals, view, x, y);
+                    let at = y * proposals.width + x;
+                    let g = [grad[at], grad[pixels + at], grad[2 * pixels + at]];
+                    let gain = |plane: &[f32; 3]| g[0] * plane[0] + g[1] * plane[1] + g[2] * plane[2];
+                    gains.iter_mut().zip(&pixel.planes).for_each(|(into, plane)| *into = gain(plane));
+                    let mean: f32 = pixel.shares.iter().zip(&gains).map(|(share, gain)| share * gain).sum();
+                    for k in 0..count {
+                        out[k * columns + block_x] += pixel.shares[k] * (gains[k] - mean);
                     }
                 }
-            }
-            let mean: f32 = weights.iter().zip(&gains).map(|(weight, gain)| weight * gain).sum();
-            for k in 0..count {
-                out[k * columns + block_x] = weights[k] * (gains[k] - mean);
             }
         }
     });
@@ -114,15 +117,56 @@ pub fn backward(scores: &[f32], proposals: &Proposals, grad: &[f32]) -> Vec<f32>
     scores_grad
 }
 
-fn softmax_at(scores: &[f32], proposals: &Proposals, view: usize, x: usize, y: usize, weights: &mut [f32]) {
-    let (columns, rows) = proposals.weight_size();
-    let count = weights.len();
-    let at = |k: usize| scores[((view * count + k) * rows + y) * columns + x];
-    let largest = (0..count).map(at).fold(f32::NEG_INFINITY, f32::max);
-    let mut total = 0.0;
-    for k in 0..count {
-        weights[k] = (at(k) - largest).exp();
-        total += weights[k];
+/// What is proposed to one pixel, and how it chooses.
+struct Pixel {
+    /// Softmax of the scores of its block.
+    weights: Vec<f32>,
+    planes: Vec<[f32; 3]>,
+    /// Inverse depths of the planes, and the weight of the surface around each.
+    depths: Vec<f32>,
+    masses: Vec<f32>,
+    /// Weights within the surface chosen, which sum to one; 0 outside.
+    shares: Vec<f32>,
+}
+
+impl Pixel {
+    fn new(count: usize) -> Self {
+        let zeros = || vec![0.0; count];
+        Self { weights: zeros(), planes: vec![[0.0; 3]; count], depths: zeros(), masses: zeros(), shares: zeros() }
     }
+
+    /// The weights of a block.
+    fn weigh(&mut self, scores: &[f32], proposals: &Proposals, view: usize, x: usize, y: usize) {
+        let (columns, rows) = proposals.weight_size();
+        let count = self.weights.len();
+        let at = |k: usize| scores[((view * count + k) * rows + y) * columns + x];
+        let largest = (0..count).map(at).fold(f32::NEG_INFINITY, f32::max);
+        self.weights.iter_mut().enumerate().for_each(|(k, weight)| *weight = (at(k) - largest).exp());
+        normalise(&mut self.weights);
+    }
+
+    /// The surface with the most weight; of equal ones, that around the first.
+    fn choose(&mut self, proposals: &Proposals, view: usize, x: usize, y: usize) {
+        for (k, (plane, depth)) in self.planes.iter_mut().zip(&mut self.depths).enumerate() {
+            *plane = proposals.at(view, x, y, k);
+            *depth = plane[0];
+        }
+        self.masses.fill(0.0);
+        for (weight, from) in self.weights.iter().zip(&self.depths) {
+            for (mass, to) in self.masses.iter_mut().zip(&self.depths) {
+                *mass += if (from - to).abs() <= REACH { *weight } else { 0.0 };
+            }
+        }
+        let better = |best: usize, k: usize| if self.masses[k] > self.masses[best] { k } else { best };
+        let middle = self.depths[(1..self.masses.len()).fold(0, better)];
+        for ((share, weight), depth) in self.shares.iter_mut().zip(&self.weights).zip(&self.depths) {
+            *share = if (depth - middle).abs() <= REACH { *weight } else { 0.0 };
+        }
+        normalise(&mut self.shares);
+    }
+}
+
+fn normalise(weights: &mut [f32]) {
+    let total: f32 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight /= total);
 }

@@ -22,6 +22,8 @@ FINE_STEPS = 1.5
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
+# Proposals this far from the one in their middle are of its surface, steps.
+REACH = 4.0
 AROUND = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
 
 
@@ -65,9 +67,16 @@ def proposals_of(planes, offsets):
 
 
 def propagated(scores, proposals, stride):
-    """Weighted means of the proposals `[views, 3, h, w]`; `scores` `[views, proposals, h / stride, w / stride]`."""
+    """Weighted means `[views, 3, h, w]` of the proposals within `REACH` of the one that most weight is within reach
+    of; `scores` `[views, proposals, h / stride, w / stride]`."""
     weights = F.interpolate(scores.softmax(dim=1), scale_factor=stride, mode="nearest")
-    return (weights[:, :, None] * proposals).sum(dim=1)
+    depths = proposals[:, :, 0]
+    near = ((depths[:, None] - depths[:, :, None]).abs() <= REACH).to(weights.dtype)
+    masses = (near * weights[:, None]).sum(dim=2)
+    middle = masses.argmax(dim=1, keepdim=True)
+    chosen = weights * near.gather(1, middle[:, :, None].expand(-1, -1, *near.shape[2:]))[:, 0]
+    shares = chosen / chosen.sum(dim=1, keepdim=True)
+    return (shares[:, :, None] * proposals).sum(dim=1)
 
 
 def soft(steps):
