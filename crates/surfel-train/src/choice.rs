@@ -1,6 +1,6 @@
 //! How wrong the planes are that a seeded network chooses from, as [`surfel_loss::choice`] asks for it.
 //!
-//! Invariant: a block is judged at its first pixel, where its proposals are given.
+//! Invariant: a block is judged at the pixel that the network says, where its proposals are given.
 
 use crate::sample::Sample;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -9,13 +9,14 @@ use surfel_net::Choice;
 
 /// The choice term over the blocks of `sample`; those of objects count `object_factor` times.
 pub(crate) fn of_blocks(proposals: &Choice, sample: &Sample, object_factor: f64, device: &Device) -> Tensor<1> {
-    let ((width, height), stride) = (sample.size(), proposals.stride);
+    let ((width, height), stride) = (sample.size(), proposals.stride());
     let (columns, rows, views) = (width / stride, height / stride, sample.num_views());
     let inside = |map: Tensor<4>| map.narrow(2, 0, rows).narrow(3, 0, columns);
     let (mut truth, mut counts) = (Vec::new(), Vec::new());
     for known in &sample.truth {
         for block in 0..rows * columns {
-            let pixel = block / columns * stride * width + block % columns * stride;
+            let (x, y) = proposals.judged_pixel(block % columns, block / columns);
+            let pixel = y * width + x;
             let (depth, count) =
                 (known.depth_at(pixel), if known.is_object(pixel) { object_factor as f32 } else { 1.0 });
             truth.push(if depth > 0.0 { 1.0 / depth } else { 0.0 });
@@ -28,5 +29,5 @@ pub(crate) fn of_blocks(proposals: &Choice, sample: &Sample, object_factor: f64,
     let steps: Vec<f32> = sample.steps().iter().map(|step| 1.0 / step).collect();
     let inverse_step = Tensor::from_data(TensorData::new(steps, [views, 1, 1, 1]), device);
     let errors = (inside(proposals.proposed()) - maps(truth)) * inverse_step;
-    choice(inside(proposals.scores.clone()), errors, maps(counts))
+    choice(inside(proposals.judged_scores()), errors, maps(counts))
 }

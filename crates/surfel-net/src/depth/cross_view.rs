@@ -4,9 +4,9 @@
 //! the wrong depth of another view. Invariant: a plane that all views share is confirmed as surely as they are sure,
 //! and a view that does not see the point says nothing.
 
-use super::seed_maps::soft;
 use crate::cost_volume::warps;
 use crate::ops::plane_sweep::Warp;
+use crate::ops::propagate::soft;
 use crate::seed::Seed;
 use surfel_core::Camera;
 

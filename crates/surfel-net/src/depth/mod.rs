@@ -7,6 +7,7 @@
 mod choice;
 mod coarse;
 mod cross_view;
+mod likeness;
 mod patches;
 mod refine;
 mod scorer;

@@ -1,7 +1,7 @@
 //! How much each proposed plane is believed: one small judge for all proposals.
 //!
 //! What is known of a proposal (agreement of photographs and features, distance to the pixel's own plane,
-//! confidence, support by the others) and the context of the pixel go through the same two layers whoever
+//! confidence, support by the others, likeness of the proposer) and the context of the pixel go through the same two layers whoever
 //! proposes. Invariant: renaming the proposals renames the scores, and a fresh judge finds them all equal.
 
 use crate::layers::Conv2d;
@@ -11,7 +11,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 
 /// Width of the judge.
-const HIDDEN: usize = 16;
+const HIDDEN: usize = 32;
 /// Score of an output of one: enough to overrule a pixel's head start within some hundred steps of training.
 const GAIN: f64 = 10.0;
 

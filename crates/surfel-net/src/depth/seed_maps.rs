@@ -4,9 +4,10 @@
 
 use super::SceneGeometry;
 use super::cross_view::{CrossView, SAID};
+use super::likeness::{LIKENESS, Likeness};
 use super::patches::patches;
 use crate::layers::space_to_depth;
-use crate::ops::propagate::Proposals;
+use crate::ops::propagate::{Proposals, soft};
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -19,9 +20,7 @@ const PER_PIXEL: usize = 4 + SAID;
 /// Slopes that a block gives.
 const SLOPES: usize = 2;
 /// Values known of a proposal.
-pub(crate) const KNOWN: usize = 5 + SAID;
-/// Steps at which a difference counts half of what it could.
-const SOFT_STEPS: f32 = 2.0;
+pub(crate) const KNOWN: usize = 5 + SAID + LIKENESS;
 
 /// What the refinement needs of the seeds of all views, at the padded size.
 pub(crate) struct SeedMaps {
@@ -79,7 +78,7 @@ impl SeedMaps {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
             confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
             sureness: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(|c| c * c)).collect()),
-            known: known(&proposals, seeds, &cross_view, device),
+            known: known(&proposals, seeds, images, &cross_view, device),
             patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
@@ -153,14 +152,23 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
 }
 
 /// What is known of each proposal at the pixel its block's features stand over: difference to the pixel's own plane,
-/// its size, confidence at the proposer, support, whether it is the pixel's own, and what the neighbours say of it.
-fn known(proposals: &Proposals, seeds: &[Seed], cross_view: &CrossView, device: &Device) -> Tensor<5> {
+/// its size, confidence at the proposer, support, whether it is the pixel's own, what the neighbours say of it, and how
+/// alike pixel and proposer look.
+fn known(
+    proposals: &Proposals,
+    seeds: &[Seed],
+    images: &[Grid<[f32; 3]>],
+    cross_view: &CrossView,
+    device: &Device,
+) -> Tensor<5> {
     let stride = proposals.stride;
     let (columns, rows) = proposals.weight_size();
     let (count, blocks) = (proposals.offsets.len(), rows * columns);
+    let likenesses: Vec<Likeness> = images.iter().map(Likeness::new).collect();
     let of_block = |i: usize| -> Vec<[f32; KNOWN]> {
         let (view, block) = (i / blocks, i % blocks);
-        known_at(proposals, seeds, cross_view, view, (block % columns * stride, block / columns * stride))
+        let pixel = (block % columns * stride, block / columns * stride);
+        known_at(proposals, seeds, &likenesses[view], cross_view, view, pixel)
     };
     let of_blocks: Vec<Vec<[f32; KNOWN]>> = (0..seeds.len() * blocks).into_par_iter().map(of_block).collect();
     let mut maps = Vec::with_capacity(seeds.len() * count * KNOWN * blocks);
@@ -176,6 +184,7 @@ fn known(proposals: &Proposals, seeds: &[Seed], cross_view: &CrossView, device: 
 fn known_at(
     proposals: &Proposals,
     seeds: &[Seed],
+    likeness: &Likeness,
     cross_view: &CrossView,
     view: usize,
     (x, y): (usize, usize),
@@ -193,9 +202,10 @@ fn known_at(
         let difference = soft(differences[k]);
         let own = if k == 0 { 1.0 } else { 0.0 };
         let inverse_depth = seed.planes[(x, y)][0] + differences[k] * seed.step;
-        let mut known = [difference, difference.abs(), confidences[k], support, own, 0.0, 0.0, 0.0];
-        known[KNOWN - SAID..].copy_from_slice(&cross_view.of(view, x, y, inverse_depth));
-        known
+        let [confirmed, front, behind] = cross_view.of(view, x, y, inverse_depth);
+        let [colour, edge] = likeness.of((x, y), proposals.offsets[k]);
+        let size = difference.abs();
+        [difference, size, confidences[k], support, own, confirmed, front, behind, colour, edge]
     };
     (0..count).map(of_proposal).collect()
 }
@@ -213,9 +223,4 @@ fn block_means(values: &[f32], proposals: &Proposals) -> Vec<f32> {
         }
     }
     means
-}
-
-/// Odd, in (-1, 1), steepest at zero: small differences keep their size, large ones only their sign.
-pub(super) fn soft(steps: f32) -> f32 {
-    steps / (SOFT_STEPS + steps.abs())
 }

@@ -26,8 +26,10 @@ use surfel_core::Camera;
 const MATCHED: usize = 2;
 /// Score by which a pixel's own plane leads at the start.
 const OWN_LEAD: f64 = 7.0;
-/// Corrections of a plane and a density per pixel.
-const PER_PIXEL: usize = 4;
+/// Corrections of a plane, a density and a lean per pixel.
+const PER_PIXEL: usize = 5;
+/// Lean of an output of one, as much as a score of one (`scorer.rs`).
+const LEAN: f64 = 10.0;
 /// Offset, in steps, up to which matching knows better where it is sure.
 const FINE_STEPS: f64 = 1.5;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
@@ -98,8 +100,10 @@ impl SeededRefinement {
         let scores = self.scorer.forward(known, context);
         let scores = if moves { scores } else { scores.zeros_like() };
         let scores = scores + own_lead(seeds.proposals.offsets.len(), &per_pixel.device());
-        let choice = Choice::new(scores.clone(), seeds);
-        let planes = propagate_planes(scores, seeds.proposals.clone());
+        let leans = per_pixel.clone().narrow(1, 4, 1) * LEAN;
+        let leans = if moves { leans } else { leans.zeros_like() };
+        let choice = Choice::new(scores.clone(), leans.clone(), seeds);
+        let planes = propagate_planes(scores, leans, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
         // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.

@@ -144,9 +144,10 @@ fn propagation(width: usize, height: usize) -> Case {
     let planes = (0..2 * width * height).map(|i| [(i % width) as f32 * 0.01, 0.01, 0.0]).collect();
     let proposals = Arc::new(Proposals { width, height, stride: STRIDE, planes, offsets });
     let scores = 2 * count * (height / STRIDE) * (width / STRIDE);
-    differentiated("plane propagation", vec![scores], move |inputs| {
+    differentiated("plane propagation", vec![scores, 2 * width * height], move |inputs| {
         let scores = inputs[0].clone().reshape([2, count, height / STRIDE, width / STRIDE]);
-        ops::propagate_planes(scores, proposals.clone()).flatten(0, 3)
+        let leans = inputs[1].clone().reshape([2, 1, height, width]);
+        ops::propagate_planes(scores, leans, proposals.clone()).flatten(0, 3)
     })
 }
 

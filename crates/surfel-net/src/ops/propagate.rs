@@ -1,7 +1,8 @@
 //! Plane propagation: each pixel joins one of the surfaces that its surroundings propose for it.
 //!
 //! A proposal is a neighbour's plane in inverse depth, continued to the pixel. The weights are a softmax over
-//! the proposals, shared by blocks of `stride` x `stride` pixels. Proposals within [`REACH`] of each other are one
+//! the proposals of scores that blocks of `stride` x `stride` pixels share, and of each pixel's own lean towards the
+//! nearer or the farther of them: an edge may run through a block. Proposals within [`REACH`] of each other are one
 //! surface; the pixel takes the weighted mean of the surface with the most weight. A mean over all would put an
 //! undecided pixel between two surfaces, where nothing is. Invariant: equal planes everywhere come back unchanged,
 //! whatever the weights, and what comes back lies within [`REACH`] of a proposal.
@@ -13,6 +14,14 @@ const FARTHEST: f32 = 64.0;
 
 /// Proposals this far from the one in their middle are of its surface, steps.
 pub const REACH: f32 = 4.0;
+
+/// Steps at which a difference of inverse depth counts half of what it could.
+const SOFT_STEPS: f32 = 2.0;
+
+/// Odd, in (-1, 1), steepest at zero: small differences keep their size, large ones only their sign.
+pub(crate) fn soft(steps: f32) -> f32 {
+    steps / (SOFT_STEPS + steps.abs())
+}
 
 /// The planes of all views and where proposals come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,8 +62,9 @@ impl Proposals {
 }
 
 /// Planes `[views, 3, height, width]` (inverse depth relative to the pixel's own, slopes) of scores
-/// `[views, proposals, height / stride, width / stride]`.
-pub fn forward(scores: &[f32], proposals: &Proposals) -> Vec<f32> {
+/// `[views, proposals, height / stride, width / stride]` and leans `[views, height, width]`, above zero to the nearer:
+/// a lean of one adds the [`soft`] difference of a proposal to its score.
+pub fn forward(scores: &[f32], leans: &[f32], proposals: &Proposals) -> Vec<f32> {
     let (width, pixels) = (proposals.width, proposals.width * proposals.height);
     let mut planes = vec![0.0; 3 * pixels * proposals.num_views()];
     for (view, planes) in planes.chunks_exact_mut(3 * pixels).enumerate() {
@@ -64,10 +74,7 @@ pub fn forward(scores: &[f32], proposals: &Proposals) -> Vec<f32> {
         rows.enumerate().for_each(|(y, ((w, w_x), w_y))| {
             let mut pixel = Pixel::new(proposals.offsets.len());
             for x in 0..width {
-                if x % proposals.stride == 0 {
-                    pixel.weigh(scores, proposals, view, x / proposals.stride, y / proposals.stride);
-                }
-                pixel.choose(proposals, view, x, y);
+                pixel.choose(scores, leans, proposals, view, x, y);
                 let mut sum = [0.0f32; 3];
                 for (share, plane) in pixel.shares.iter().zip(&pixel.planes) {
                     sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum += share * value);
@@ -79,31 +86,30 @@ pub fn forward(scores: &[f32], proposals: &Proposals) -> Vec<f32> {
     planes
 }
 
-/// Gradient of the scores from that of the planes; same layouts as [`forward`].
-pub fn backward(scores: &[f32], proposals: &Proposals, grad: &[f32]) -> Vec<f32> {
-    let (pixels, count) = (proposals.width * proposals.height, proposals.offsets.len());
+/// Gradients of the scores and of the leans from that of the planes; same layouts as [`forward`].
+pub fn backward(scores: &[f32], leans: &[f32], proposals: &Proposals, grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
+    let (width, stride) = (proposals.width, proposals.stride);
+    let (pixels, count) = (width * proposals.height, proposals.offsets.len());
     let (columns, rows) = proposals.weight_size();
+    let mut leans_grad = vec![0.0f32; leans.len()];
     // Rows first, so that each task owns what it writes; turned to the layout of the scores afterwards.
     let mut by_row = vec![0.0f32; proposals.num_views() * rows * count * columns];
-    by_row.par_chunks_mut(count * columns).enumerate().for_each(|(row, out)| {
-        let (view, block_y) = (row / rows, row % rows);
+    let tasks = by_row.par_chunks_mut(count * columns).zip(leans_grad.par_chunks_mut(stride * width));
+    tasks.enumerate().for_each(|(row, (of_scores, of_leans))| {
+        let (view, first_y) = (row / rows, row % rows * stride);
         let grad = &grad[view * 3 * pixels..][..3 * pixels];
         let mut pixel = Pixel::new(count);
-        let mut gains = vec![0.0f32; count];
-        for block_x in 0..columns {
-            pixel.weigh(scores, proposals, view, block_x, block_y);
-            for y in block_y * proposals.stride..(block_y + 1) * proposals.stride {
-                for x in block_x * proposals.stride..(block_x + 1) * proposals.stride {
-                    pixel.choose(proposals, view, x, y);
-                    let at = y * proposals.width + x;
-                    let g = [grad[at], grad[pixels + at], grad[2 * pixels + at]];
-                    let gain = |plane: &[f32; 3]| g[0] * plane[0] + g[1] * plane[1] + g[2] * plane[2];
-                    gains.iter_mut().zip(&pixel.planes).for_each(|(into, plane)| *into = gain(plane));
-                    let mean: f32 = pixel.shares.iter().zip(&gains).map(|(share, gain)| share * gain).sum();
-                    for k in 0..count {
-                        out[k * columns + block_x] += pixel.shares[k] * (gains[k] - mean);
-                    }
-                }
+        for (i, of_lean) in of_leans.iter_mut().enumerate() {
+            let (x, y) = (i % width, first_y + i / width);
+            pixel.choose(scores, leans, proposals, view, x, y);
+            let at = y * width + x;
+            let g = [grad[at], grad[pixels + at], grad[2 * pixels + at]];
+            let gain = |plane: &[f32; 3]| g[0] * plane[0] + g[1] * plane[1] + g[2] * plane[2];
+            let mean: f32 = pixel.shares.iter().zip(&pixel.planes).map(|(share, plane)| share * gain(plane)).sum();
+            for (k, (share, plane)) in pixel.shares.iter().zip(&pixel.planes).enumerate() {
+                let of_weight = share * (gain(plane) - mean);
+                of_scores[k * columns + x / stride] += of_weight;
+                *of_lean += of_weight * soft(plane[0]);
             }
         }
     });
@@ -114,16 +120,15 @@ pub fn backward(scores: &[f32], proposals: &Proposals, grad: &[f32]) -> Vec<f32>
             scores_grad[((view * count + k) * rows + block_y) * columns..][..columns].copy_from_slice(values);
         }
     }
-    scores_grad
+    (scores_grad, leans_grad)
 }
 
 /// What is proposed to one pixel, and how it chooses.
 struct Pixel {
-    /// Softmax of the scores of its block.
-    weights: Vec<f32>,
     planes: Vec<[f32; 3]>,
-    /// Inverse depths of the planes, and the weight of the surface around each.
+    /// Inverse depths of the planes, their weights, and the weight of the surface around each.
     depths: Vec<f32>,
+    weights: Vec<f32>,
     masses: Vec<f32>,
     /// Weights within the surface chosen, which sum to one; 0 outside.
     shares: Vec<f32>,
@@ -132,25 +137,21 @@ struct Pixel {
 impl Pixel {
     fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
-        Self { weights: zeros(), planes: vec![[0.0; 3]; count], depths: zeros(), masses: zeros(), shares: zeros() }
-    }
-
-    /// The weights of a block.
-    fn weigh(&mut self, scores: &[f32], proposals: &Proposals, view: usize, x: usize, y: usize) {
-        let (columns, rows) = proposals.weight_size();
-        let count = self.weights.len();
-        let at = |k: usize| scores[((view * count + k) * rows + y) * columns + x];
-        let largest = (0..count).map(at).fold(f32::NEG_INFINITY, f32::max);
-        self.weights.iter_mut().enumerate().for_each(|(k, weight)| *weight = (at(k) - largest).exp());
-        normalise(&mut self.weights);
+        Self { planes: vec![[0.0; 3]; count], depths: zeros(), weights: zeros(), masses: zeros(), shares: zeros() }
     }
 
     /// The surface with the most weight; of equal ones, that around the first.
-    fn choose(&mut self, proposals: &Proposals, view: usize, x: usize, y: usize) {
-        for (k, (plane, depth)) in self.planes.iter_mut().zip(&mut self.depths).enumerate() {
-            *plane = proposals.at(view, x, y, k);
-            *depth = plane[0];
+    fn choose(&mut self, scores: &[f32], leans: &[f32], proposals: &Proposals, view: usize, x: usize, y: usize) {
+        let ((columns, rows), count) = (proposals.weight_size(), self.planes.len());
+        let lean = leans[(view * proposals.height + y) * proposals.width + x];
+        let block = y / proposals.stride * columns + x / proposals.stride;
+        for k in 0..count {
+            self.planes[k] = proposals.at(view, x, y, k);
+            self.depths[k] = self.planes[k][0];
+            self.weights[k] = scores[(view * count + k) * rows * columns + block] + lean * soft(self.depths[k]);
         }
+        let largest = self.weights.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        self.weights.iter_mut().for_each(|weight| *weight = (*weight - largest).exp());
         self.masses.fill(0.0);
         for (weight, from) in self.weights.iter().zip(&self.depths) {
             for (mass, to) in self.masses.iter_mut().zip(&self.depths) {
@@ -158,15 +159,10 @@ impl Pixel {
             }
         }
         let better = |best: usize, k: usize| if self.masses[k] > self.masses[best] { k } else { best };
-        let middle = self.depths[(1..self.masses.len()).fold(0, better)];
-        for ((share, weight), depth) in self.shares.iter_mut().zip(&self.weights).zip(&self.depths) {
-            *share = if (depth - middle).abs() <= REACH { *weight } else { 0.0 };
+        let middle = (1..count).fold(0, better);
+        for k in 0..count {
+            let is_near = (self.depths[k] - self.depths[middle]).abs() <= REACH;
+            self.shares[k] = if is_near { self.weights[k] / self.masses[middle] } else { 0.0 };
         }
-        normalise(&mut self.shares);
     }
-}
-
-fn normalise(weights: &mut [f32]) {
-    let total: f32 = weights.iter().sum();
-    weights.iter_mut().for_each(|weight| *weight /= total);
 }

@@ -14,9 +14,11 @@ from matching import plane_sweep
 from unet import Unet
 
 OWN_LEAD = 7.0
+# Lean to nearer planes of an output of one.
+LEAN = 10.0
 # Score of an output of one of the judge, and the judge's width.
 SCORE_GAIN = 10.0
-JUDGE_WIDTH = 16
+JUDGE_WIDTH = 32
 # Offset, in steps, up to which matching knows better where it is sure.
 FINE_STEPS = 1.5
 # Steps, and tangents of tilt, that an output of one corrects.
@@ -66,11 +68,12 @@ def proposals_of(planes, offsets):
     return torch.stack(proposals, dim=1)
 
 
-def propagated(scores, proposals, stride):
+def propagated(scores, leans, proposals, stride):
     """Weighted means `[views, 3, h, w]` of the proposals within `REACH` of the one that most weight is within reach
-    of; `scores` `[views, proposals, h / stride, w / stride]`."""
-    weights = F.interpolate(scores.softmax(dim=1), scale_factor=stride, mode="nearest")
+    of; `scores` `[views, proposals, h / stride, w / stride]`, `leans` to the nearer `[views, 1, h, w]`."""
     depths = proposals[:, :, 0]
+    scores = F.interpolate(scores, scale_factor=stride, mode="nearest")
+    weights = (scores + leans * soft(depths)).softmax(dim=1)
     near = ((depths[:, None] - depths[:, :, None]).abs() <= REACH).to(weights.dtype)
     masses = (near * weights[:, None]).sum(dim=2)
     middle = masses.argmax(dim=1, keepdim=True)
@@ -126,10 +129,26 @@ def seed_inputs(seeds, proposals, offsets, stride, cameras, neighbours):
     return torch.cat([space_to_depth(per_pixel, stride), per_block], dim=1)
 
 
-def known_of(seeds, proposals, offsets, stride, cameras, neighbours):
-    """What is known of each proposal at the pixel a block stands over, `[views, proposals, 8, h / stride, w / stride]`:
+def likeness_of(images, offsets):
+    """How far, softly, the colour at each proposer is from the pixel's, and the largest step of colour on the way,
+    `[views, proposals, 2, h, w]`."""
+    means = F.avg_pool2d(F.pad(images, (0, 1, 0, 1), mode="replicate"), 2, stride=1)
+    maps = []
+    for dx, dy in offsets:
+        count = max(abs(dx), abs(dy))
+        way = [looked_up(means, dx * i // count, dy * i // count)[0] for i in range(1, count + 1)]
+        steps = [(a - b).norm(dim=1) for a, b in zip([means, *way], way)]
+        nothing = torch.zeros_like(means[:, 0])
+        ends = [(way[-1] - means).norm(dim=1), torch.stack(steps).amax(dim=0)] if way else [nothing, nothing]
+        maps.append(torch.stack(ends, dim=1))
+    distances = torch.stack(maps, dim=1)
+    return distances / (0.1 + distances)
+
+
+def known_of(images, seeds, proposals, offsets, stride, cameras, neighbours):
+    """What is known of each proposal at the pixel a block stands over, `[views, proposals, 10, h / stride, w / stride]`:
     difference to the pixel's own plane, its size, the proposer's confidence, support by all, whether it is the
-    pixel's own, and what the neighbours say of it."""
+    pixel's own, what the neighbours say of it, and how alike pixel and proposer look."""
     difference = proposals[:, :, 0]
     confidence = torch.cat([looked_up(seeds.confidence, dx, dy)[0] for dx, dy in offsets], dim=1)
     apart = difference[:, :, None] - difference[:, None, :]
@@ -139,7 +158,7 @@ def known_of(seeds, proposals, offsets, stride, cameras, neighbours):
     known = torch.stack([soft(difference), soft(difference).abs(), confidence, support, own], dim=2)
     inverse_depths = seeds.planes[:, :1] + difference * seeds.step.reshape(-1, 1, 1, 1)
     said = [said_of(seeds, one, cameras, neighbours) for one in inverse_depths.unbind(1)]
-    known = torch.cat([known, torch.stack(said, dim=1)], dim=2)
+    known = torch.cat([known, torch.stack(said, dim=1), likeness_of(images, offsets)], dim=2)
     return known[..., ::stride, ::stride]
 
 
@@ -196,8 +215,8 @@ class SeededRefinement(nn.Module):
         inputs = image + upsampled + 7 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
         self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
         self.unet = Unet(refinement["unet"])
-        self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, 4 * stride**2, 3)])
-        self.scorer = Scorer(8 if self.sweep is None else 10, 2 * width)
+        self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, 5 * stride**2, 3)])
+        self.scorer = Scorer(10 if self.sweep is None else 12, 2 * width)
 
     def forward(self, images, context, seeds, cameras, ranges, neighbours, sources):
         """Relative disparity, density, features and slopes (1 / scene unit), all at full resolution."""
@@ -207,7 +226,7 @@ class SeededRefinement(nn.Module):
         upsampled = F.gelu(upsample(self.upsampler(context), 4 // stride))
         pixels = space_to_depth(images, stride)
         inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride, cameras, neighbours)]
-        known = known_of(seeds, proposals, self.offsets, stride, cameras, neighbours)
+        known = known_of(images, seeds, proposals, self.offsets, stride, cameras, neighbours)
         if self.matcher is not None:
             features = self.matcher(torch.cat([upsampled, pixels], dim=1))
             tries = tries_of(seeds, proposals, self.sweep, stride)
@@ -222,8 +241,9 @@ class SeededRefinement(nn.Module):
         per_pixel = depth_to_space(self.to_planes[1](context), stride)
         lead = torch.zeros(1, len(self.offsets), 1, 1, dtype=context.dtype)
         lead[:, 0] = OWN_LEAD
-        planes = propagated(self.scorer(known, context) + lead, proposals, stride)
-        density = (per_pixel[:, 3:] + 4 * seeds.confidence - 2).sigmoid()
+        leans = LEAN * per_pixel[:, 4:]
+        planes = propagated(self.scorer(known, context) + lead, leans, proposals, stride)
+        density = (per_pixel[:, 3:4] + 4 * seeds.confidence - 2).sigmoid()
         offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
         # Where matching is surely right, small offsets are drawn back to its depth.
         sureness = seeds.confidence.square() * density.detach()
