@@ -5,14 +5,14 @@
 #   gpu/pack.sh OUT ASSETS [CONFIG] [INITIAL]
 #
 # OUT gets program.tar.xz.* and data.tar.* (parts of at most 56 MiB), run.sh and SHA256SUMS. ASSETS holds the scanned
-# objects; CONFIG defaults to crates/surfel-train/configs/small.toml; INITIAL are weights to start from.
+# objects; CONFIG defaults to crates/surfel-train/configs/small_stage1.toml; INITIAL are weights to start from.
 # SAMPLES=DIR packs a folder of samples made ahead (`surfelsplat train --prepare --cache DIR`), which spares the card's
 # time. FEATURES (default cuda,vulkan) says what is built, TARGET where.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$1
 assets=$2
-config=${3:-crates/surfel-train/configs/small.toml}
+config=${3:-crates/surfel-train/configs/small_stage1.toml}
 initial=${4:-}
 features=${FEATURES-cuda,vulkan}
 export CARGO_TARGET_DIR=${TARGET:-target/gpu}

@@ -131,10 +131,10 @@ mod tests {
 
     #[test]
     fn the_configurations_that_come_along_can_be_used() {
-        let depth = TrainConfig::from_toml(include_str!("../configs/small.toml")).unwrap();
-        let surfels = TrainConfig::from_toml(include_str!("../configs/small_surfels.toml")).unwrap();
+        let depth = TrainConfig::from_toml(include_str!("../configs/small_stage1.toml")).unwrap();
+        let surfels = TrainConfig::from_toml(include_str!("../configs/small_stage2.toml")).unwrap();
         assert!(!depth.loss.needs_surfels() && surfels.loss.needs_surfels());
-        let misspelt = include_str!("../configs/small.toml").replace("plane_normal", "plain_normal");
+        let misspelt = include_str!("../configs/small_stage1.toml").replace("plane_normal", "plain_normal");
         assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
     }
 
@@ -162,7 +162,7 @@ mod tests {
 
     /// A configuration whose first source is another.
     fn with_source(source: &str) -> Result<TrainConfig, String> {
-        let text = include_str!("../configs/small.toml");
+        let text = include_str!("../configs/small_stage1.toml");
         let first = text.find("[[train]]").expect("a source");
         let size = "num_samples = 5\nseed = 1\nwidth = 64\nheight = 48";
         TrainConfig::from_toml(&format!("{}[[train]]\n{size}\n{source}\n{}", &text[..first], &text[first..]))

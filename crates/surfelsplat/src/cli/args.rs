@@ -154,7 +154,7 @@ pub struct ReconstructArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  surfelsplat train crates/surfel-train/configs/small.toml --assets assets -o runs/small --cache runs/samples
+  surfelsplat train crates/surfel-train/configs/small_stage1.toml --assets assets -o runs/small --cache runs/samples
 
 Writes into OUT: checkpoint.safetensors (to go on from), last.safetensors and best.safetensors (weights),
 metrics.jsonl. The same command after an interruption goes on where the last checkpoint was written.")]

@@ -99,7 +99,8 @@ fn notes(settings: &SynthSettings, scenes: &str) -> Vec<String> {
             "Surface: millimetres; every distance counts at most {cap} mm, which is what a missing surface costs; \
              precision, recall and F-score at {threshold} mm. The reference are exact points {spacing} mm apart on \
              what the views see of the objects; depth maps are scored by their pixels on objects, meshes by points \
-             inside the silhouettes of all views. The row `exact` shows what this sampling alone costs."
+             inside the silhouettes of all views. The rows `exact` show what this sampling alone costs, and the mesher \
+             where it is given the exact depth."
         ),
     ]
 }
