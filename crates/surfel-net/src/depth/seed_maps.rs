@@ -28,7 +28,7 @@ pub(crate) struct SeedMaps {
     pub(crate) inputs: Tensor<4>,
     /// Score of the density before the network's say, `[views, 1, height, width]`.
     pub(crate) confidence_score: Tensor<4>,
-    /// How finely matching is to be believed, in \[0, 1\]: the square of its confidence, `[views, 1, height, width]`.
+    /// How surely matching is to be believed, in \[0, 1\]: its confidence, `[views, 1, height, width]`.
     pub(crate) sureness: Tensor<4>,
     /// Inverse depth, 1 / scene unit, `[views, 1, height, width]`.
     pub(crate) inverse_depth: Tensor<4>,
@@ -77,7 +77,7 @@ impl SeedMaps {
         Self {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
             confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
-            sureness: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(|c| c * c)).collect()),
+            sureness: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().copied()).collect()),
             known: known(&proposals, seeds, images, &cross_view, device),
             patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),

@@ -246,7 +246,7 @@ class SeededRefinement(nn.Module):
         density = (per_pixel[:, 3:4] + 4 * seeds.confidence - 2).sigmoid()
         offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
         # Where matching is surely right, small offsets are drawn back to its depth.
-        sureness = seeds.confidence.square() * density.detach()
+        sureness = seeds.confidence * density.detach()
         offset = offset * (1 - sureness * (-(offset / FINE_STEPS).square()).exp())
         moved = offset * step + seeds.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
