@@ -63,7 +63,7 @@ impl Proposals {
 
 /// Planes `[views, 3, height, width]` (inverse depth relative to the pixel's own, slopes) of scores
 /// `[views, proposals, height / stride, width / stride]` and leans `[views, height, width]`, above zero to the nearer:
-/// a lean of one adds the [`soft`] difference of a proposal to its score.
+/// a lean of one adds a proposal's difference, softly in (-1, 1), to its score.
 pub fn forward(scores: &[f32], leans: &[f32], proposals: &Proposals) -> Vec<f32> {
     let (width, pixels) = (proposals.width, proposals.width * proposals.height);
     let mut planes = vec![0.0; 3 * pixels * proposals.num_views()];
