@@ -3,6 +3,7 @@
 //! What belongs to one surface mostly looks alike, and between two surfaces there mostly is an edge: for a pixel that
 //! no other view sees, all there is to go by. Invariant: both values lie in \[0, 1), and are 0 for the pixel itself.
 
+use crate::ops::propagate::clamped;
 use surfel_core::Grid;
 
 /// Values known of a proposer: difference of colours, largest step of colour on the way.
@@ -31,7 +32,6 @@ impl Likeness {
     pub(super) fn of(&self, (x, y): (usize, usize), [dx, dy]: [i32; 2]) -> [f32; LIKENESS] {
         let own = self.means[(x, y)];
         let count = dx.abs().max(dy.abs());
-        let clamped = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
         let (mut last, mut largest) = (own, 0.0f32);
         for i in 1..=count {
             let column = clamped(x, dx * i / count, self.means.width());

@@ -2,7 +2,8 @@
 //!
 //! What is known of a proposal (agreement of photographs and features, distance to the pixel's own plane,
 //! confidence, support by the others, likeness of the proposer) and the context of the pixel go through the same two
-//! layers whoever proposes. Invariant: renaming the proposals renames the scores, and a fresh judge finds them all equal.
+//! layers whoever proposes. Invariant: renaming the proposals renames the scores, and a fresh judge finds them all
+//! equal.
 
 use crate::layers::Conv2d;
 use crate::layers::conv1x1;

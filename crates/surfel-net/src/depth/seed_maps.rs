@@ -7,7 +7,7 @@ use super::cross_view::{CrossView, SAID};
 use super::likeness::{LIKENESS, Likeness};
 use super::patches::patches;
 use crate::layers::space_to_depth;
-use crate::ops::propagate::{Proposals, soft};
+use crate::ops::propagate::{Proposals, clamped, soft};
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -26,10 +26,8 @@ pub(crate) const KNOWN: usize = 5 + SAID + LIKENESS;
 pub(crate) struct SeedMaps {
     /// Inputs of the U-Net, `[views, channels, height / stride, width / stride]`.
     pub(crate) inputs: Tensor<4>,
-    /// Score of the density before the network's say, `[views, 1, height, width]`.
-    pub(crate) confidence_score: Tensor<4>,
-    /// How surely matching is to be believed, in \[0, 1\]: its confidence, `[views, 1, height, width]`.
-    pub(crate) sureness: Tensor<4>,
+    /// Matching's confidence, in \[0, 1\], `[views, 1, height, width]`.
+    pub(crate) confidence: Tensor<4>,
     /// Inverse depth, 1 / scene unit, `[views, 1, height, width]`.
     pub(crate) inverse_depth: Tensor<4>,
     /// Inverse depth of a step, `[views, 1, 1, 1]`.
@@ -71,13 +69,11 @@ impl SeedMaps {
         let (columns, rows) = proposals.weight_size();
         let block_channels = SLOPES + 2 * (proposals.offsets.len() - 1);
         let blocks = Tensor::from_data(TensorData::new(blocks, [views, block_channels, rows, columns]), device);
-        let score = |confidence: &f32| 4.0 * confidence - 2.0;
         let step_of_view: Vec<f32> = seeds.iter().map(|seed| seed.step).collect();
         let inverse_depth: Vec<f32> = seeds.iter().flat_map(|s| s.planes.as_slice().iter().map(|p| p[0])).collect();
         Self {
             inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
-            confidence_score: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().map(score)).collect()),
-            sureness: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().copied()).collect()),
+            confidence: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().copied()).collect()),
             known: known(&proposals, seeds, images, &cross_view, device),
             patches: patches(images, stride, device),
             inverse_depth: full(1, inverse_depth),
@@ -142,10 +138,7 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
         }
         for k in 1..count {
             let [dx, dy] = proposals.offsets[k];
-            maps.extend(over(&|x, y| {
-                let at = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
-                seed.confidence[(at(x, dx, width), at(y, dy, height))]
-            }));
+            maps.extend(over(&|x, y| seed.confidence[(clamped(x, dx, width), clamped(y, dy, height))]));
         }
     }
     maps
@@ -190,10 +183,9 @@ fn known_at(
     (x, y): (usize, usize),
 ) -> Vec<[f32; KNOWN]> {
     let seed = &seeds[view];
-    let at = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
     let count = proposals.offsets.len();
     let differences: Vec<f32> = (0..count).map(|k| proposals.at(view, x, y, k)[0]).collect();
-    let proposer = |[dx, dy]: &[i32; 2]| (at(x, *dx, proposals.width), at(y, *dy, proposals.height));
+    let proposer = |[dx, dy]: &[i32; 2]| (clamped(x, *dx, proposals.width), clamped(y, *dy, proposals.height));
     let confidences: Vec<f32> = proposals.offsets.iter().map(|offset| seed.confidence[proposer(offset)]).collect();
     let of_proposal = |k: usize| {
         // Proposals within about a step of this one speak for it, as sure as they are.

@@ -105,9 +105,9 @@ impl SeededRefinement {
         let choice = Choice::new(scores.clone(), leans.clone(), seeds);
         let planes = propagate_planes(scores, leans, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
-        let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + seeds.confidence_score.clone());
+        let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + (seeds.confidence.clone() * 4.0 - 2.0));
         // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.
-        let offset = held(offset, seeds.sureness.clone() * density.clone().detach());
+        let offset = held(offset, seeds.confidence.clone() * density.clone().detach());
         let offset = if moves { offset } else { offset.zeros_like() };
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.

@@ -23,6 +23,11 @@ pub(crate) fn soft(steps: f32) -> f32 {
     steps / (SOFT_STEPS + steps.abs())
 }
 
+/// Index `by` away from `at`, or at the border of `len`.
+pub(crate) fn clamped(at: usize, by: i32, len: usize) -> usize {
+    (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize
+}
+
 /// The planes of all views and where proposals come from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposals {
@@ -52,7 +57,6 @@ impl Proposals {
     /// What proposal `k` says of pixel `(x, y)`: inverse depth relative to the pixel's own, and its slopes.
     pub fn at(&self, view: usize, x: usize, y: usize, k: usize) -> [f32; 3] {
         let start = view * self.width * self.height;
-        let clamped = |at: usize, by: i32, len: usize| (at as i64 + i64::from(by)).clamp(0, len as i64 - 1) as usize;
         let (nx, ny) = (clamped(x, self.offsets[k][0], self.width), clamped(y, self.offsets[k][1], self.height));
         let own = self.planes[start + y * self.width + x];
         let [w, w_x, w_y] = self.planes[start + ny * self.width + nx];
