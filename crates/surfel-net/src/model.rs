@@ -7,7 +7,9 @@ use crate::aggregate::Aggregation;
 use crate::config::{BackboneConfig, NetConfig};
 use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
-use crate::depth::{Choice, CoarseDepth, Refined, Refinement, SceneGeometry, SeedMaps, SeededRefinement, disparity};
+use crate::depth::{
+    Choice, CoarseDepth, Given, Refined, Refinement, SceneGeometry, SeededRefinement, disparity, refined_in_passes,
+};
 use crate::features::cnn::Cnn;
 use crate::features::dino::{Dino, DinoFusion};
 use crate::features::pyramid::Pyramid;
@@ -154,6 +156,15 @@ impl SurfelNet {
         self
     }
 
+    /// The same weights, refining what matching found this often; a network that has depth of its own stays as it is.
+    #[must_use]
+    pub fn with_passes(mut self, passes: usize) -> Self {
+        if let Some(seeded) = &mut self.config.seeded {
+            seeded.passes = passes;
+        }
+        self
+    }
+
     /// Names and numbers of trained parameters of its parts, in the order they run.
     pub fn parts(&self) -> Vec<(&'static str, usize)> {
         let backbone = self.cnn.num_params() + self.pyramid.num_params();
@@ -255,17 +266,16 @@ impl SurfelNet {
             _ => unreachable!("a network is built with one of the two backbones"),
         };
         let context = self.with_dino_features(context, &padded, device);
-        match (&self.transformer, &self.coarse, &self.refinement, &self.seeded, &self.config.seeded) {
-            (_, _, _, Some(seeded), Some(config)) => {
+        match (&self.transformer, &self.coarse, &self.refinement, &self.seeded) {
+            (_, _, _, Some(seeded)) => {
                 let (width, height) = (padded[0].width(), padded[0].height());
                 let seeds: Vec<_> = scene.seeds.iter().map(|seed| seed.padded(width, height)).collect();
-                let maps =
-                    SeedMaps::new(&seeds, &padded, geometry, config.offsets(), self.config.refinement.stride, device);
-                let refined = seeded.forward(&self.config, images, context, &maps, geometry);
+                let given = Given::new(&self.config, &padded, &seeds, device);
+                let refined = refined_in_passes(seeded, &self.config, &given, images, context, geometry);
                 let confidence = refined.density.clone();
                 (refined, confidence)
             }
-            (Some(transformer), Some(coarse), Some(refinement), _, _) => {
+            (Some(transformer), Some(coarse), Some(refinement), _) => {
                 let [_, _, rows, columns] = context.dims();
                 let lines = transformer.lines(geometry, (columns, rows));
                 let matching = transformer.forward(context.clone(), others.clone(), lines);

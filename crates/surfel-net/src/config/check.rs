@@ -59,6 +59,7 @@ impl BackboneConfig {
 impl SeededConfig {
     fn check(&self) -> Checked {
         count("the number of seeded.distances", self.distances.len(), 4, "between 1 and 4")?;
+        count("seeded.passes", self.passes, 8, "between 1 and 8")?;
         self.distances.iter().try_for_each(|&d| count("seeded.distances", d, 256, "between 1 and 256"))
     }
 }

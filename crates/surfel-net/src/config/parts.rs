@@ -104,6 +104,9 @@ pub struct CostVolumeConfig {
 pub struct SeededConfig {
     /// Distances in pixels at which the eight neighbours of a pixel propose their planes to it.
     pub distances: Vec<usize>,
+    /// How often the refinement runs; each pass starts from the planes and the density of the one before.
+    #[serde(default = "once")]
+    pub passes: usize,
     /// Let proposals and corrections move the depth; without it matching's depth stays, and tilt, opacity and colour
     /// are the network's.
     #[serde(default = "yes")]
@@ -112,6 +115,10 @@ pub struct SeededConfig {
 
 fn yes() -> bool {
     true
+}
+
+fn once() -> usize {
+    1
 }
 
 impl SeededConfig {

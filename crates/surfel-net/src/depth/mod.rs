@@ -8,6 +8,7 @@ mod choice;
 mod coarse;
 mod cross_view;
 mod likeness;
+mod passes;
 mod patches;
 mod refine;
 mod scorer;
@@ -16,8 +17,8 @@ mod seeded;
 
 pub use choice::Choice;
 pub(crate) use coarse::CoarseDepth;
+pub(crate) use passes::{Given, refined_in_passes};
 pub(crate) use refine::{Refined, Refinement, SceneGeometry};
-pub(crate) use seed_maps::SeedMaps;
 pub(crate) use seeded::SeededRefinement;
 
 use crate::cost_volume::DepthRange;

@@ -5,14 +5,13 @@
 use super::SceneGeometry;
 use super::cross_view::{CrossView, SAID};
 use super::likeness::{LIKENESS, Likeness};
-use super::patches::patches;
+use super::passes::Given;
 use crate::layers::space_to_depth;
 use crate::ops::propagate::{Proposals, clamped, soft};
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use std::sync::Arc;
-use surfel_core::Grid;
 
 /// Maps that every pixel of a block gives of its own: offset and weight of the evidence, correlation, confidence, and
 /// what the neighbours say of its plane.
@@ -26,16 +25,18 @@ pub(crate) const KNOWN: usize = 5 + SAID + LIKENESS;
 pub(crate) struct SeedMaps {
     /// Inputs of the U-Net, `[views, channels, height / stride, width / stride]`.
     pub(crate) inputs: Tensor<4>,
-    /// Matching's confidence, in \[0, 1\], `[views, 1, height, width]`.
+    /// Of the planes to start from, in \[0, 1\], `[views, 1, height, width]`.
     pub(crate) confidence: Tensor<4>,
-    /// Inverse depth, 1 / scene unit, `[views, 1, height, width]`.
+    /// Of the planes to start from, 1 / scene unit, `[views, 1, height, width]`.
     pub(crate) inverse_depth: Tensor<4>,
+    /// What matching said, where that is not what to start from: confidence and inverse depth, as above.
+    pub(crate) matched: Option<[Tensor<4>; 2]>,
     /// Inverse depth of a step, `[views, 1, 1, 1]`.
     pub(crate) steps: Tensor<4>,
     pub(super) step_of_view: Vec<f32>,
     /// What is known of each proposal, `[views, proposals, KNOWN, height / stride, width / stride]`.
     pub(crate) known: Tensor<5>,
-    /// Windows of the photographs, see [`patches`].
+    /// Windows of the photographs, see [`super::patches`].
     pub(crate) patches: Tensor<4>,
     /// The planes and where they propose to.
     pub(crate) proposals: Arc<Proposals>,
@@ -44,22 +45,17 @@ pub(crate) struct SeedMaps {
 impl SeedMaps {
     /// Channels of `inputs`.
     pub(crate) fn channels(stride: usize, num_proposals: usize) -> usize {
-        PER_PIXEL * stride * stride + SLOPES + 2 * (num_proposals - 1)
+        PER_PIXEL * stride * stride + SLOPES + 2 * (num_proposals - 1) + 1
     }
 
-    /// Of seeds and images padded to a multiple of the stride; `offsets` begins with the pixel itself.
-    pub(crate) fn new(
-        seeds: &[Seed],
-        images: &[Grid<[f32; 3]>],
-        scene: &SceneGeometry,
-        offsets: Vec<[i32; 2]>,
-        stride: usize,
-        device: &Device,
-    ) -> Self {
+    /// Of what a pass starts from, padded as `given` is. `pass` counts the passes before: the network is told, for
+    /// confidence means less where matching states it.
+    pub(crate) fn new(seeds: &[Seed], pass: usize, given: &Given, scene: &SceneGeometry, device: &Device) -> Self {
+        let stride = given.stride;
         let (width, height) = (seeds[0].planes.width(), seeds[0].planes.height());
         let views = seeds.len();
         let planes: Vec<[f32; 3]> = seeds.iter().flat_map(Seed::planes_in_steps).collect();
-        let proposals = Proposals { width, height, stride, planes, offsets };
+        let proposals = Proposals { width, height, stride, planes, offsets: given.offsets.clone() };
         let full = |channels: usize, values: Vec<f32>| -> Tensor<4> {
             Tensor::from_data(TensorData::new(values, [views, channels, height, width]), device)
         };
@@ -69,14 +65,19 @@ impl SeedMaps {
         let (columns, rows) = proposals.weight_size();
         let block_channels = SLOPES + 2 * (proposals.offsets.len() - 1);
         let blocks = Tensor::from_data(TensorData::new(blocks, [views, block_channels, rows, columns]), device);
+        let number = Tensor::full([views, 1, rows, columns], pass as f32, device);
         let step_of_view: Vec<f32> = seeds.iter().map(|seed| seed.step).collect();
-        let inverse_depth: Vec<f32> = seeds.iter().flat_map(|s| s.planes.as_slice().iter().map(|p| p[0])).collect();
+        let confidence =
+            |seeds: &[Seed]| full(1, seeds.iter().flat_map(|s| s.confidence.as_slice()).copied().collect());
+        let inverse_depth =
+            |seeds: &[Seed]| full(1, seeds.iter().flat_map(|s| s.planes.as_slice()).map(|p| p[0]).collect());
         Self {
-            inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks], 1),
-            confidence: full(1, seeds.iter().flat_map(|s| s.confidence.as_slice().iter().copied()).collect()),
-            known: known(&proposals, seeds, images, &cross_view, device),
-            patches: patches(images, stride, device),
-            inverse_depth: full(1, inverse_depth),
+            inputs: Tensor::cat(vec![space_to_depth(full(PER_PIXEL, per_pixel), stride), blocks, number], 1),
+            confidence: confidence(seeds),
+            inverse_depth: inverse_depth(seeds),
+            matched: (pass > 0).then(|| [confidence(given.matched), inverse_depth(given.matched)]),
+            known: known(&proposals, seeds, &given.likenesses, &cross_view, device),
+            patches: given.patches.clone(),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
             step_of_view,
             proposals: Arc::new(proposals),
@@ -150,14 +151,13 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
 fn known(
     proposals: &Proposals,
     seeds: &[Seed],
-    images: &[Grid<[f32; 3]>],
+    likenesses: &[Likeness],
     cross_view: &CrossView,
     device: &Device,
 ) -> Tensor<5> {
     let stride = proposals.stride;
     let (columns, rows) = proposals.weight_size();
     let (count, blocks) = (proposals.offsets.len(), rows * columns);
-    let likenesses: Vec<Likeness> = images.iter().map(Likeness::new).collect();
     let of_block = |i: usize| -> Vec<[f32; KNOWN]> {
         let (view, block) = (i / blocks, i % blocks);
         let pixel = (block % columns * stride, block / columns * stride);

@@ -2,8 +2,8 @@
 //!
 //! At half resolution (or another stride) a U-Net sees the photograph, pretrained features, what matching knows,
 //! and how well the photographs and learned features agree at the planes its surroundings propose; it weighs these
-//! planes (`ops::propagate`) and adds a correction. Invariant: a fresh network returns matching's depth but for the softness of the weights,
-//! and everything is in steps, so neither unit nor depth range is seen.
+//! planes (`ops::propagate`) and adds a correction; `passes` runs it. Invariant: a fresh network returns matching's depth
+//! but for the softness of the weights, and everything is in steps, so neither unit nor depth range is seen.
 
 use super::choice::Choice;
 use super::scorer::Scorer;
@@ -34,6 +34,15 @@ const LEAN: f64 = 10.0;
 const FINE_STEPS: f64 = 1.5;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
 const CORRECTION: f64 = 0.1;
+
+/// What the photographs show whatever their depth, at `1 / stride` but for the images themselves.
+pub(super) struct Seen {
+    images: Tensor<4>,
+    pixels: Tensor<4>,
+    upsampled: Tensor<4>,
+    /// What is compared between views.
+    features: Option<Tensor<4>>,
+}
 
 /// The refinement.
 #[derive(Module, Debug)]
@@ -70,23 +79,25 @@ impl SeededRefinement {
         }
     }
 
-    /// `images` `[views, 3, height, width]`, `context` features at stride 4.
-    pub(crate) fn forward(
-        &self,
-        config: &NetConfig,
-        images: Tensor<4>,
-        context: Tensor<4>,
-        seeds: &SeedMaps,
-        scene: &SceneGeometry,
-    ) -> Refined {
+    /// What the photographs show whatever their depth: `images` `[views, 3, height, width]`, `context` features at
+    /// stride 4.
+    pub(super) fn see(&self, config: &NetConfig, images: Tensor<4>, context: Tensor<4>) -> Seen {
         let stride = config.refinement.stride;
         let upsampled = gelu(upsample(self.upsampler.forward(context), 4 / stride, 0));
         let pixels = space_to_depth(images.clone(), stride);
+        let both = || Tensor::cat(vec![upsampled.clone(), pixels.clone()], 1);
+        let features = self.matcher.as_ref().map(|matcher| matcher.forward(both()));
+        Seen { images, pixels, upsampled, features }
+    }
+
+    /// One pass.
+    pub(super) fn forward(&self, config: &NetConfig, seen: &Seen, seeds: &SeedMaps, scene: &SceneGeometry) -> Refined {
+        let stride = config.refinement.stride;
+        let Seen { images, pixels, upsampled, features } = seen;
         let mut inputs = vec![pixels.clone(), upsampled.clone(), seeds.inputs.clone()];
         let mut known = seeds.known.clone();
-        if let Some(matcher) = &self.matcher {
-            let features = matcher.forward(Tensor::cat(vec![upsampled.clone(), pixels], 1));
-            let matched = agreement(config, features, seeds, scene);
+        if let Some(features) = features {
+            let matched = agreement(config, features.clone(), seeds, scene);
             let of_proposals = matched.iter().map(|tries| at_proposals(tries, seeds.proposals.offsets.len()));
             known = Tensor::cat(std::iter::once(known).chain(of_proposals).collect(), 2);
             inputs.extend(matched);
@@ -109,16 +120,24 @@ impl SeededRefinement {
         // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.
         let offset = held(offset, seeds.confidence.clone() * density.clone().detach());
         let offset = if moves { offset } else { offset.zeros_like() };
+        let moved = offset * seeds.steps.clone() + seeds.inverse_depth.clone();
+        // What earlier passes moved counts as well: many small steps are no less noise than one.
+        let moved = match seeds.matched.clone() {
+            Some([sure, matched]) => {
+                let offset = (moved - matched.clone()) / seeds.steps.clone();
+                held(offset, sure * density.clone().detach()) * seeds.steps.clone() + matched
+            }
+            None => moved,
+        };
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.
         let far = per_view(scene.ranges, |range| range.far_disparity(), &device);
         let span = per_view(scene.ranges, |range| range.disparity_span(), &device);
-        let moved = offset * seeds.steps.clone() + seeds.inverse_depth.clone();
         let disparity = ((moved - far) / span).clamp(0.0, 1.0);
         // A tilt is a change of inverse depth per pixel over inverse depth, times the focal length.
         let tilt = per_pixel.narrow(1, 1, 2) * inverse_focal(scene.cameras, &device) * CORRECTION;
         let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone() + tilt * seeds.inverse_depth.clone();
-        let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
+        let features = vec![upsample(refined, stride, 0), images.clone(), upsample(upsampled.clone(), stride, 0)];
         Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes), choice: Some(choice) }
     }
 }

@@ -405,7 +405,7 @@ def network():
 def seeded_network():
     """The graph that ships: no transformer and no cost volume, but seeds."""
     config = {key: value for key, value in CONFIG.items() if key not in ("transformer", "cost_volume")}
-    config["seeded"] = {"distances": [2, 5]}
+    config["seeded"] = {"distances": [2, 5], "passes": 2}
     rig = posed.side_by_side(2, 18, 11, seed=110)
     images = photographs(2, 18, 11, seed=111)
     step = torch.tensor([0.01, 0.012], dtype=torch.float32).double()

@@ -46,7 +46,7 @@ fn the_seeded_network_equals_its_twin() {
     let (fixture, size) = (Fixture::open("seeded_network"), (18, 11));
     let mut config = config();
     (config.transformer, config.cost_volume) = (None, None);
-    config.seeded = Some(SeededConfig { distances: vec![2, 5], moves_depth: true });
+    config.seeded = Some(SeededConfig { distances: vec![2, 5], passes: 2, moves_depth: true });
     let (planes, evidence) = (maps(&fixture, "planes", size), maps(&fixture, "evidence", size));
     let [correlation, confidence] = ["correlation", "confidence"].map(|key| maps::<1>(&fixture, key, size));
     let seeds: Vec<Seed> = (0..2)

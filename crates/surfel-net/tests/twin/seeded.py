@@ -3,7 +3,7 @@
 Inside, inverse depth is counted in steps: a step moves a neighbour's pixel by about one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
@@ -183,6 +183,11 @@ def patches_of(images, stride):
     return windows.reshape(len(images), 25, images.shape[2] // stride, images.shape[3] // stride)
 
 
+def held(offset, sureness):
+    """Small offsets, in steps, drawn back where what they start from is sure."""
+    return offset * (1 - sureness * (-(offset / FINE_STEPS).square()).exp())
+
+
 class Scorer(nn.Module):
     """One judge of all proposals: a two-layer perceptron of what is known of one and of the pixel's context."""
 
@@ -205,6 +210,7 @@ class SeededRefinement(nn.Module):
         self.stride = stride = refinement["stride"]
         self.sweep = refinement.get("sweep")
         self.offsets = offsets_of(config["seeded"]["distances"])
+        self.passes = config["seeded"]["passes"]
         upsampled, width, image = refinement["upsampled_channels"], refinement["unet"]["channels"], 3 * stride**2
         count, num_tries = len(self.offsets), 0
         self.upsampler = Conv(config["backbone"]["channels"], upsampled, 3)
@@ -212,20 +218,32 @@ class SeededRefinement(nn.Module):
         if self.sweep is not None:
             num_tries = self.sweep["num_candidates"] + count - 1
             self.matcher = Conv(upsampled + image, self.sweep["channels"], 3)
-        inputs = image + upsampled + 7 * stride**2 + 2 + 2 * (count - 1) + 2 * num_tries
+        inputs = image + upsampled + 7 * stride**2 + 3 + 2 * (count - 1) + 2 * num_tries
         self.enter, self.enter_norm = Conv(inputs, width, 3), GroupNorm(width, 4)
         self.unet = Unet(refinement["unet"])
         self.to_planes = nn.ModuleList([Conv(width, 2 * width, 3), Conv(2 * width, 5 * stride**2, 3)])
         self.scorer = Scorer(10 if self.sweep is None else 12, 2 * width)
 
     def forward(self, images, context, seeds, cameras, ranges, neighbours, sources):
+        """What the last pass says; each starts from the planes and the density of the one before, as they stand."""
+        near, far = (torch.tensor(ends, dtype=images.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
+        matched = seeds
+        for number in range(self.passes):
+            found = self.refined(number, images, context, seeds, matched, cameras, (near, far), neighbours, sources)
+            disparity, density, _, slopes = (x.detach() for x in found)
+            planes = torch.cat([1 / far + disparity * (1 / near - 1 / far), slopes], dim=1)
+            seeds = replace(seeds, planes=planes, confidence=density)
+        return found
+
+    def refined(self, number, images, context, seeds, matched, cameras, ends, neighbours, sources):
         """Relative disparity, density, features and slopes (1 / scene unit), all at full resolution."""
-        stride = self.stride
+        stride, (near, far) = self.stride, ends
         step = seeds.step.reshape(-1, 1, 1, 1)
         proposals = proposals_of(seeds.planes / step, self.offsets)
         upsampled = F.gelu(upsample(self.upsampler(context), 4 // stride))
         pixels = space_to_depth(images, stride)
         inputs = [pixels, upsampled, seed_inputs(seeds, proposals, self.offsets, stride, cameras, neighbours)]
+        inputs.append(torch.full_like(pixels[:, :1], number))
         known = known_of(images, seeds, proposals, self.offsets, stride, cameras, neighbours)
         if self.matcher is not None:
             features = self.matcher(torch.cat([upsampled, pixels], dim=1))
@@ -245,14 +263,15 @@ class SeededRefinement(nn.Module):
         planes = propagated(self.scorer(known, context) + lead, leans, proposals, stride)
         density = (per_pixel[:, 3:4] + 4 * seeds.confidence - 2).sigmoid()
         offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
-        # Where matching is surely right, small offsets are drawn back to its depth.
+        # Small offsets are drawn back to where the pass starts, then to matching's depth.
         sureness = seeds.confidence * density.detach()
-        offset = offset * (1 - sureness * (-(offset / FINE_STEPS).square()).exp())
-        moved = offset * step + seeds.planes[:, :1]
+        moved = held(offset, sureness) * step + seeds.planes[:, :1]
+        if number > 0:
+            offset = (moved - matched.planes[:, :1]) / step
+            moved = held(offset, matched.confidence * density.detach()) * step + matched.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
         focal = cameras.intrinsics[:, :2, None, None].to(context.dtype)
         slopes = planes[:, 1:] * step + CORRECTION * per_pixel[:, 1:3] / focal * seeds.planes[:, :1]
-        near, far = (torch.tensor(ends, dtype=context.dtype).reshape(-1, 1, 1, 1) for ends in zip(*ranges))
         disparity = ((moved - 1 / far) / (1 / near - 1 / far)).clamp(0, 1)
         features = torch.cat([upsample(refined, stride), images, upsample(upsampled, stride)], dim=1)
         return disparity, density, features, slopes

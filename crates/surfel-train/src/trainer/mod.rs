@@ -19,7 +19,7 @@ use crate::sample::Sample;
 use crate::state::{self, State};
 use crate::validate::{Validation, validate};
 use burn::tensor::Device;
-use order::draw;
+use order::{draw, pass};
 use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
 use surfel_loss::{Perceptual, Terms};
@@ -165,8 +165,14 @@ impl Trainer {
             let prediction = self.net.forward(&input, &self.device)?;
             return loss::terms((&prediction).into(), sample, weights, &self.perceptual, &self.device);
         }
-        let maps = self.net.forward_maps(&input, &self.device)?;
+        let maps = self.pass_taught().forward_maps(&input, &self.device)?;
         loss::terms(Said { maps: &maps, surfels: None }, sample, weights, &self.perceptual, &self.device)
+    }
+
+    /// The network up to the pass that this step teaches.
+    fn pass_taught(&self) -> SurfelNet {
+        let passes = self.net.config().seeded.as_ref().map_or(1, |seeded| seeded.passes);
+        self.net.clone().with_passes(pass(passes, self.config.seed, self.state.step))
     }
 
     /// One step of the optimiser.

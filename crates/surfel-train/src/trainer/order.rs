@@ -1,4 +1,4 @@
-//! Which sample a step sees.
+//! Which sample a step sees, and which pass it teaches.
 //!
 //! Epochs have an order of their own; only a source whose samples grow harder is seen from its first to its last.
 //! Invariant: it follows from the seed and the step alone, so a resumed run sees what the uninterrupted one would have.
@@ -17,6 +17,12 @@ pub(super) fn draw(train: &[(u64, Cache)], config: &TrainConfig, number: u64) ->
     let sample = train[source].1.sample(chosen)?;
     let mirror = Random::fork(config.seed.wrapping_add(1), number).chance(0.5);
     Ok(if mirror { mirrored(&sample) } else { sample })
+}
+
+/// Up to which of its `passes` a network runs in a step: each is taught alone, the last, whose answer counts, twice as
+/// often as one before it.
+pub(super) fn pass(passes: usize, seed: u64, step: u64) -> usize {
+    passes.min(1 + Random::fork(seed.wrapping_add(2), step).below(passes + 1))
 }
 
 /// Source and number within it of the `number`th sample of a run; sources are how many samples they have and whether
@@ -57,6 +63,15 @@ mod tests {
         }
         assert_ne!(epoch(0).collect::<Vec<_>>(), epoch(1).collect::<Vec<_>>());
         assert_eq!(choose(&[(0, false)], 3, 1), None);
+    }
+
+    #[test]
+    fn every_pass_is_taught_and_the_last_most() {
+        let count = |wanted: usize| (0..4000).filter(|step| pass(3, 7, *step) == wanted).count();
+        let [first, second, last] = [1, 2, 3].map(count);
+        assert_eq!(first + second + last, 4000);
+        assert!(first.abs_diff(1000) < 100 && second.abs_diff(1000) < 100, "{first} {second} {last}");
+        assert!((0..20).all(|step| pass(1, 7, step) == 1));
     }
 
     #[test]

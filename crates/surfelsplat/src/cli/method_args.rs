@@ -14,7 +14,7 @@ use surfelsplat::experiments::method::{DepthFrom, built_in};
 #[derive(Debug, Args)]
 pub struct MethodArgs {
     /// Methods that need no file of weights, by name: exact, matching, matching-without-adaptation, network,
-    /// network-without-adaptation, network-without-aggregation.
+    /// network-without-adaptation, network-without-aggregation, network-in-one-pass.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = known)]
     method: Vec<String>,
 

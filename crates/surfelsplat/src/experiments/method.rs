@@ -51,11 +51,17 @@ pub fn built_in() -> Vec<Method> {
             "the same weights, surfels of the first head pass; not retrained",
             Road(|options| options.depth = shipped(SurfelNet::without_aggregation)),
         ),
+        Method::new(
+            "network-in-one-pass",
+            "the same weights, depth of the first pass; not retrained",
+            Road(|options| options.depth = shipped(|net| net.with_passes(1))),
+        ),
     ]
 }
 
-/// A whole and the same without one part, by name, as the paper's table 3 compares them.
-pub const ABLATION: [&str; 3] = ["network", "network-without-adaptation", "network-without-aggregation"];
+/// A whole and the same without one part, by name: those of the paper's table 3, and our own passes.
+pub const ABLATION: [&str; 4] =
+    ["network", "network-without-adaptation", "network-without-aggregation", "network-in-one-pass"];
 
 fn unadapted(options: &mut Options) {
     options.surfels.low_pass_px = 0.0;

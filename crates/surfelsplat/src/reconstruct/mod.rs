@@ -105,7 +105,7 @@ impl Walked {
         let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
         let steps: Vec<f32> = estimates.iter().map(|estimate| estimate.step).collect();
         let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges, &steps))?;
-        let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, options))?;
+        let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, &estimates, options))?;
         if mesh.triangles.is_empty() {
             log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
         }
@@ -190,8 +190,15 @@ impl Road {
         }
     }
 
-    fn mesh(&self, maps: &[ViewMaps], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
-        let depths: Vec<Grid<f32>> = maps.iter().map(solid_depth).collect();
+    fn mesh(
+        &self,
+        maps: &[ViewMaps],
+        estimates: &[DepthEstimate],
+        options: &Options,
+    ) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
+        let sure = options.depth.least_confidence();
+        let depths: Vec<Grid<f32>> =
+            maps.iter().zip(estimates).map(|(maps, estimate)| solid_depth(maps, &estimate.confidence, sure)).collect();
         let choice = MeshChoice {
             voxel: options.voxel.map(|voxel| voxel * self.working_from_scene.scale),
             keep_components: options.keep_components,

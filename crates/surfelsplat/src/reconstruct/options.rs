@@ -49,6 +49,15 @@ pub enum DepthSource {
 }
 
 impl DepthSource {
+    /// Confidence below which a pixel's depth enters no mesh: a hole rather than a lie. Where it is not learned it is no
+    /// probability, and leaving pixels out by it costs more surface than it mends.
+    pub fn least_confidence(&self) -> f32 {
+        match self {
+            Self::Matching => 0.0,
+            Self::Network(_) => 0.2,
+        }
+    }
+
     /// The name used on the command line and in reports.
     pub fn name(&self) -> &'static str {
         match self {

@@ -67,8 +67,8 @@ fn an_ablation_changes_one_part_and_stands_beside_the_paper() {
     let args = ["eval", "ablation", "--kind", "torus", "--seeds", "3", "--size", "96x80", "--spacing", "6", "--json"];
     let run = surfelsplat(args).succeeded("eval ablation");
     let rows = table(&run.stdout, "One part left out");
-    let names = ["network", "network-without-adaptation", "network-without-aggregation"];
-    assert!(rows.len() == 3 && names.iter().all(|name| rows.number(&[name], "within 1 %") > 0.5), "{}", run.stdout);
+    let names = ["network", "network-without-adaptation", "network-without-aggregation", "network-in-one-pass"];
+    assert!(rows.len() == 4 && names.iter().all(|name| rows.number(&[name], "within 1 %") > 0.5), "{}", run.stdout);
     let methods = ["--method", "matching,matching-without-adaptation"];
     let run = surfelsplat(args.iter().chain(&methods)).succeeded("eval ablation");
     let rows = table(&run.stdout, "One part left out");
