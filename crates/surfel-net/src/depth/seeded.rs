@@ -30,8 +30,10 @@ const OWN_LEAD: f64 = 7.0;
 const PER_PIXEL: usize = 5;
 /// Lean of an output of one, as much as a score of one (`scorer.rs`).
 const LEAN: f64 = 10.0;
-/// Offset, in steps, up to which matching knows better where it is sure.
+/// Offset, in steps, up to which what a pass starts from knows better where it is sure.
 const FINE_STEPS: f64 = 1.5;
+/// The same of matching, for all that several passes moved: noise makes matching sure of more than it should be.
+const FINEST_STEPS: f64 = 0.5;
 /// Steps, and tangents of tilt, that an output of one corrects: an optimiser's step must not overthrow a surface.
 const CORRECTION: f64 = 0.1;
 
@@ -118,14 +120,14 @@ impl SeededRefinement {
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + (seeds.confidence.clone() * 4.0 - 2.0));
         // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.
-        let offset = held(offset, seeds.confidence.clone() * density.clone().detach());
+        let offset = held(offset, FINE_STEPS, seeds.confidence.clone() * density.clone().detach());
         let offset = if moves { offset } else { offset.zeros_like() };
         let moved = offset * seeds.steps.clone() + seeds.inverse_depth.clone();
         // What earlier passes moved counts as well: many small steps are no less noise than one.
         let moved = match seeds.matched.clone() {
             Some([sure, matched]) => {
                 let offset = (moved - matched.clone()) / seeds.steps.clone();
-                held(offset, sure * density.clone().detach()) * seeds.steps.clone() + matched
+                held(offset, FINEST_STEPS, sure * density.clone().detach()) * seeds.steps.clone() + matched
             }
             None => moved,
         };
@@ -142,10 +144,10 @@ impl SeededRefinement {
     }
 }
 
-/// Offsets in steps, drawn back to matching's depth where it is surely right and the offset small: a plane fitted to the
-/// photographs is finer than what a network learns, but a large mistake is not.
-fn held(offset: Tensor<4>, sureness: Tensor<4>) -> Tensor<4> {
-    let is_small = (offset.clone() / FINE_STEPS).powi_scalar(2).neg().exp();
+/// Offsets in steps, drawn back to nothing where what they start from is surely right and they are small, about `fine`:
+/// a plane fitted to the photographs is finer than what a network learns, but a large mistake is not.
+fn held(offset: Tensor<4>, fine: f64, sureness: Tensor<4>) -> Tensor<4> {
+    let is_small = (offset.clone() / fine).powi_scalar(2).neg().exp();
     offset * (-(is_small * sureness) + 1.0)
 }
 

@@ -19,8 +19,9 @@ LEAN = 10.0
 # Score of an output of one of the judge, and the judge's width.
 SCORE_GAIN = 10.0
 JUDGE_WIDTH = 32
-# Offset, in steps, up to which matching knows better where it is sure.
+# Offset, in steps, up to which what a pass starts from knows better where it is sure; and matching, of all passes.
 FINE_STEPS = 1.5
+FINEST_STEPS = 0.5
 # Steps, and tangents of tilt, that an output of one corrects.
 CORRECTION = 0.1
 FARTHEST = 64.0
@@ -183,9 +184,9 @@ def patches_of(images, stride):
     return windows.reshape(len(images), 25, images.shape[2] // stride, images.shape[3] // stride)
 
 
-def held(offset, sureness):
+def held(offset, fine, sureness):
     """Small offsets, in steps, drawn back where what they start from is sure."""
-    return offset * (1 - sureness * (-(offset / FINE_STEPS).square()).exp())
+    return offset * (1 - sureness * (-(offset / fine).square()).exp())
 
 
 class Scorer(nn.Module):
@@ -265,10 +266,10 @@ class SeededRefinement(nn.Module):
         offset = planes[:, :1] + CORRECTION * per_pixel[:, :1]
         # Small offsets are drawn back to where the pass starts, then to matching's depth.
         sureness = seeds.confidence * density.detach()
-        moved = held(offset, sureness) * step + seeds.planes[:, :1]
+        moved = held(offset, FINE_STEPS, sureness) * step + seeds.planes[:, :1]
         if number > 0:
             offset = (moved - matched.planes[:, :1]) / step
-            moved = held(offset, matched.confidence * density.detach()) * step + matched.planes[:, :1]
+            moved = held(offset, FINEST_STEPS, matched.confidence * density.detach()) * step + matched.planes[:, :1]
         # A tilt is the change of inverse depth per pixel over inverse depth, times the focal length.
         focal = cameras.intrinsics[:, :2, None, None].to(context.dtype)
         slopes = planes[:, 1:] * step + CORRECTION * per_pixel[:, 1:3] / focal * seeds.planes[:, :1]
