@@ -156,7 +156,7 @@ impl SurfelNet {
         self
     }
 
-    /// The same weights, refining what matching found this often; a network that has depth of its own stays as it is.
+    /// The same weights, refining what matching found this often, at least once; a network that finds depth by itself stays as it is.
     #[must_use]
     pub fn with_passes(mut self, passes: usize) -> Self {
         if let Some(seeded) = &mut self.config.seeded {

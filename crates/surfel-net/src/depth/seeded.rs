@@ -119,18 +119,8 @@ impl SeededRefinement {
         let planes = propagate_planes(scores, leans, seeds.proposals.clone());
         let offset = planes.clone().narrow(1, 0, 1) + per_pixel.clone().narrow(1, 0, 1) * CORRECTION;
         let density = sigmoid(per_pixel.clone().narrow(1, 3, 1) + (seeds.confidence.clone() * 4.0 - 2.0));
-        // Noise makes matching sure of what is wrong; the density has learned better, but not to hold.
-        let offset = held(offset, FINE_STEPS, seeds.confidence.clone() * density.clone().detach());
         let offset = if moves { offset } else { offset.zeros_like() };
-        let moved = offset * seeds.steps.clone() + seeds.inverse_depth.clone();
-        // What earlier passes moved counts as well: many small steps are no less noise than one.
-        let moved = match seeds.matched.clone() {
-            Some([sure, matched]) => {
-                let offset = (moved - matched.clone()) / seeds.steps.clone();
-                held(offset, FINEST_STEPS, sure * density.clone().detach()) * seeds.steps.clone() + matched
-            }
-            None => moved,
-        };
+        let moved = moved(offset, density.clone().detach(), seeds);
         let device = planes.device();
         // Steps of the view, from the far end, over the range: relative disparity.
         let far = per_view(scene.ranges, |range| range.far_disparity(), &device);
@@ -142,6 +132,17 @@ impl SeededRefinement {
         let features = vec![upsample(refined, stride, 0), images.clone(), upsample(upsampled.clone(), stride, 0)];
         Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes), choice: Some(choice) }
     }
+}
+
+/// Inverse depth, 1 / scene unit, `offset` steps from where the pass starts but for what is drawn back. Noise makes
+/// matching sure of what is wrong; the density has learned better, but not to hold.
+fn moved(offset: Tensor<4>, density: Tensor<4>, seeds: &SeedMaps) -> Tensor<4> {
+    let steps = || seeds.steps.clone();
+    let offset = held(offset, FINE_STEPS, seeds.confidence.clone() * density.clone());
+    let moved = offset * steps() + seeds.inverse_depth.clone();
+    let Some([sure, matched]) = seeds.matched.clone() else { return moved };
+    // What earlier passes moved counts as well: many small steps are no less noise than one.
+    held((moved - matched.clone()) / steps(), FINEST_STEPS, sure * density) * steps() + matched
 }
 
 /// Offsets in steps, drawn back to nothing where what they start from is surely right and they are small, about `fine`:
