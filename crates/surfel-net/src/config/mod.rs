@@ -103,6 +103,11 @@ impl NetConfig {
         lcm(lcm(coarse, self.refinement.stride * self.refinement.unet.stride()), pretrained)
     }
 
+    /// How often depth is refined: more than once only where it starts from matching.
+    pub fn passes(&self) -> usize {
+        self.seeded.as_ref().map_or(1, |seeded| seeded.passes)
+    }
+
     /// Channels of the feature each surfel is decoded from, the paper's `F` (spec 2.4.6).
     ///
     /// A seeded network adds the normal of the refined plane and the density.

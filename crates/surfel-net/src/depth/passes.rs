@@ -9,6 +9,7 @@ use super::patches::patches;
 use super::seed_maps::SeedMaps;
 use super::{Refined, SceneGeometry, SeededRefinement, disparity};
 use crate::config::NetConfig;
+use crate::head::values;
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor};
 use surfel_core::Grid;
@@ -57,13 +58,13 @@ pub(crate) fn refined_in_passes(
     scene: &SceneGeometry,
 ) -> Refined {
     let device = images.device();
-    let seen = refinement.see(config, images, context);
+    let seen = refinement.see(config, given, images, context);
     let run = |pass: usize, seeds: &[Seed]| {
         refinement.forward(config, &seen, &SeedMaps::new(seeds, pass, given, scene, &device), scene)
     };
     let mut seeds = given.matched.to_vec();
     let mut refined = run(0, &seeds);
-    for pass in 1..config.seeded.as_ref().map_or(1, |seeded| seeded.passes) {
+    for pass in 1..config.passes() {
         hand_on(&refined, &mut seeds, scene);
         refined = run(pass, &seeds);
     }
@@ -84,8 +85,4 @@ fn hand_on(refined: &Refined, seeds: &mut [Seed], scene: &SceneGeometry) {
         seed.planes.as_mut_slice().iter_mut().enumerate().for_each(|(i, own)| *own = plane(i));
         seed.confidence.as_mut_slice().copy_from_slice(density);
     }
-}
-
-fn values(tensor: Tensor<4>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("a network runs in f32")
 }

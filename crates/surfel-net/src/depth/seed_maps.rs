@@ -18,6 +18,8 @@ use std::sync::Arc;
 const PER_PIXEL: usize = 4 + SAID;
 /// Slopes that a block gives.
 const SLOPES: usize = 2;
+/// The number of the pass, the same everywhere.
+const NUMBER: usize = 1;
 /// Values known of a proposal.
 pub(crate) const KNOWN: usize = 5 + SAID + LIKENESS;
 
@@ -36,8 +38,6 @@ pub(crate) struct SeedMaps {
     pub(super) step_of_view: Vec<f32>,
     /// What is known of each proposal, `[views, proposals, KNOWN, height / stride, width / stride]`.
     pub(crate) known: Tensor<5>,
-    /// Windows of the photographs, see [`super::patches`].
-    pub(crate) patches: Tensor<4>,
     /// The planes and where they propose to.
     pub(crate) proposals: Arc<Proposals>,
 }
@@ -45,7 +45,7 @@ pub(crate) struct SeedMaps {
 impl SeedMaps {
     /// Channels of `inputs`.
     pub(crate) fn channels(stride: usize, num_proposals: usize) -> usize {
-        PER_PIXEL * stride * stride + SLOPES + 2 * (num_proposals - 1) + 1
+        PER_PIXEL * stride * stride + SLOPES + 2 * (num_proposals - 1) + NUMBER
     }
 
     /// Of what a pass starts from, padded as `given` is. `pass` counts the passes before: the network is told, for
@@ -65,7 +65,7 @@ impl SeedMaps {
         let (columns, rows) = proposals.weight_size();
         let block_channels = SLOPES + 2 * (proposals.offsets.len() - 1);
         let blocks = Tensor::from_data(TensorData::new(blocks, [views, block_channels, rows, columns]), device);
-        let number = Tensor::full([views, 1, rows, columns], pass as f32, device);
+        let number = Tensor::full([views, NUMBER, rows, columns], pass as f32, device);
         let step_of_view: Vec<f32> = seeds.iter().map(|seed| seed.step).collect();
         let confidence =
             |seeds: &[Seed]| full(1, seeds.iter().flat_map(|s| s.confidence.as_slice()).copied().collect());
@@ -77,7 +77,6 @@ impl SeedMaps {
             inverse_depth: inverse_depth(seeds),
             matched: (pass > 0).then(|| [confidence(given.matched), inverse_depth(given.matched)]),
             known: known(&proposals, seeds, &given.likenesses, &cross_view, device),
-            patches: given.patches.clone(),
             steps: Tensor::<1>::from_floats(step_of_view.as_slice(), device).reshape([views, 1, 1, 1]),
             step_of_view,
             proposals: Arc::new(proposals),

@@ -6,6 +6,7 @@
 //! but for the softness of the weights, and everything is in steps, so neither unit nor depth range is seen.
 
 use super::choice::Choice;
+use super::passes::Given;
 use super::scorer::Scorer;
 use super::seed_maps::{KNOWN, SeedMaps};
 use super::{Refined, SceneGeometry, per_view};
@@ -44,6 +45,8 @@ pub(super) struct Seen {
     upsampled: Tensor<4>,
     /// What is compared between views.
     features: Option<Tensor<4>>,
+    /// Windows of the photographs, compared as they are.
+    patches: Tensor<4>,
 }
 
 /// The refinement.
@@ -83,23 +86,23 @@ impl SeededRefinement {
 
     /// What the photographs show whatever their depth: `images` `[views, 3, height, width]`, `context` features at
     /// stride 4.
-    pub(super) fn see(&self, config: &NetConfig, images: Tensor<4>, context: Tensor<4>) -> Seen {
+    pub(super) fn see(&self, config: &NetConfig, given: &Given, images: Tensor<4>, context: Tensor<4>) -> Seen {
         let stride = config.refinement.stride;
         let upsampled = gelu(upsample(self.upsampler.forward(context), 4 / stride, 0));
         let pixels = space_to_depth(images.clone(), stride);
         let both = || Tensor::cat(vec![upsampled.clone(), pixels.clone()], 1);
         let features = self.matcher.as_ref().map(|matcher| matcher.forward(both()));
-        Seen { images, pixels, upsampled, features }
+        Seen { images, pixels, upsampled, features, patches: given.patches.clone() }
     }
 
     /// One pass.
     pub(super) fn forward(&self, config: &NetConfig, seen: &Seen, seeds: &SeedMaps, scene: &SceneGeometry) -> Refined {
         let stride = config.refinement.stride;
-        let Seen { images, pixels, upsampled, features } = seen;
+        let Seen { images, pixels, upsampled, features, patches } = seen;
         let mut inputs = vec![pixels.clone(), upsampled.clone(), seeds.inputs.clone()];
         let mut known = seeds.known.clone();
         if let Some(features) = features {
-            let matched = agreement(config, features.clone(), seeds, scene);
+            let matched = agreement(config, [features, patches], seeds, scene);
             let of_proposals = matched.iter().map(|tries| at_proposals(tries, seeds.proposals.offsets.len()));
             known = Tensor::cat(std::iter::once(known).chain(of_proposals).collect(), 2);
             inputs.extend(matched);
@@ -166,10 +169,10 @@ fn own_lead(count: usize, device: &Device) -> Tensor<4> {
     Tensor::<1>::from_floats(lead.as_slice(), device).reshape([1, count, 1, 1])
 }
 
-/// Correlations at every try, of learned features and of the photographs; no gradient flows into the tries.
-fn agreement(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &SceneGeometry) -> Vec<Tensor<4>> {
+/// Correlations at every try of what is seen, learned features and windows of the photographs; no gradient flows into the tries.
+fn agreement(config: &NetConfig, seen: [&Tensor<4>; 2], seeds: &SeedMaps, scene: &SceneGeometry) -> Vec<Tensor<4>> {
     let Some(fine) = &config.refinement.sweep else { return Vec::new() };
-    let [views, _, height, width] = features.dims();
+    let [views, _, height, width] = seen[0].dims();
     let half = (fine.num_candidates / 2) as f64;
     let offsets: Vec<f32> = (0..fine.num_candidates).map(|j| ((j as f64 - half) * fine.step) as f32).collect();
     let tries = seeds.tries(&offsets);
@@ -177,7 +180,7 @@ fn agreement(config: &NetConfig, features: Tensor<4>, seeds: &SeedMaps, scene: &
     let warps = warps(scene.cameras, scene.neighbours, config.refinement.stride);
     let geometry = sweep(warps, (width, height), vec![vec![0.0; count]; views], Base::PerCandidate(tries));
     let geometry = Arc::new(geometry);
-    vec![plane_sweep(features, geometry.clone()), plane_sweep(seeds.patches.clone(), geometry)]
+    seen.map(|maps| plane_sweep(maps.clone(), geometry.clone())).into()
 }
 
 /// The tries that are proposals, the pixel's own plane first, `[views, proposals, 1, h, w]`.

@@ -171,7 +171,7 @@ impl Trainer {
 
     /// The network up to the pass that this step teaches.
     fn pass_taught(&self) -> SurfelNet {
-        let passes = self.net.config().seeded.as_ref().map_or(1, |seeded| seeded.passes);
+        let passes = self.net.config().passes();
         self.net.clone().with_passes(pass(passes, self.config.seed, self.state.step))
     }
 
