@@ -1,6 +1,6 @@
-//! Which faces of a mesh a camera sees: the first one hit by the ray of each pixel centre.
+//! Which faces of a mesh a camera sees, and how far they are: the first one hit by the ray of each pixel centre.
 //!
-//! A z-buffer of face indices. Invariant: equal to casting one ray per pixel, for faces wholly in front of the camera;
+//! A z-buffer of face indices and depth. Invariant: equal to casting one ray per pixel, for faces wholly in front of the camera;
 //! a face that reaches behind it is not drawn.
 
 use glam::{DVec2, DVec3};
@@ -8,6 +8,16 @@ use surfel_core::{Camera, Grid, TriMesh};
 
 /// Index of the nearest face per pixel, `None` where the ray hits nothing.
 pub fn first_hit(mesh: &TriMesh, camera: &Camera) -> Grid<Option<u32>> {
+    z_buffer(mesh, camera).0
+}
+
+/// z-depth per pixel centre, scene units, 0 where the ray hits nothing.
+pub fn mesh_depth(mesh: &TriMesh, camera: &Camera) -> Grid<f32> {
+    z_buffer(mesh, camera).1.map(|&nearness| if nearness > 0.0 { (1.0 / nearness) as f32 } else { 0.0 })
+}
+
+/// Face and inverse depth per pixel, 0 where there is none.
+fn z_buffer(mesh: &TriMesh, camera: &Camera) -> (Grid<Option<u32>>, Grid<f64>) {
     let mut face_of = Grid::filled(camera.width, camera.height, None);
     let mut inverse_depth = Grid::filled(camera.width, camera.height, 0.0f64);
     for face in 0..mesh.triangles.len() {
@@ -22,7 +32,7 @@ pub fn first_hit(mesh: &TriMesh, camera: &Camera) -> Grid<Option<u32>> {
             }
         });
     }
-    face_of
+    (face_of, inverse_depth)
 }
 
 /// Calls `visit(x, y, barycentric weights)` for every pixel whose centre lies in the image triangle.

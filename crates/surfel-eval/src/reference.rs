@@ -1,15 +1,18 @@
 //! Finds what a scene can be scored against: reference depth and points beside its photographs.
 //!
 //! Layouts: `pseudo_gt/` with `meta.json`, `depth_*.png` and `points.npz`; `depth/*.pfm` and `truth/points.ply` (exact,
-//! as synthetic scenes are written); `depth/*.png` in millimetres (sensors). Invariant: everything comes out in scene units and OpenCV
-//! axes, on the raster it was stored in.
+//! as synthetic scenes are written); `depth/*.png` in millimetres (sensors); `disp0.pfm` or `disp0GT.pfm` beside a
+//! `calib.txt` (rectified pairs); a mesh, `truth/mesh.ply` or `pseudo_gt_mesh.ply`, whose depth is that of its first
+//! face. Invariant: everything comes out in scene units and OpenCV axes, maps on the raster they were stored in.
 
+use crate::first_hit::mesh_depth;
 use std::path::{Path, PathBuf};
 use surfel_core::{Camera, Grid, Intrinsics};
 use surfel_io::depth::{read_depth_png16, read_pfm};
 use surfel_io::npy::{NpyError, Npz};
 use surfel_io::photo::ImageError;
 use surfel_io::ply::{PlyFileError, read_ply_file};
+use surfel_io::{FormatKind, Scene};
 
 /// Reference points of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -29,7 +32,7 @@ pub enum ReferenceError {
     /// The points do not read.
     #[error(transparent)]
     Points(#[from] NpyError),
-    /// The exact points do not read.
+    /// The exact points or the mesh do not read.
     #[error(transparent)]
     ExactPoints(#[from] PlyFileError),
     /// `meta.json` or the points lack something.
@@ -57,7 +60,16 @@ enum Layout {
     Exact,
     /// `depth/STEM.png`, millimetres in a scene in metres.
     Sensor,
+    /// `disp0.pfm` or `disp0GT.pfm`, pixels between the left and the right camera.
+    Disparity([Camera; 2]),
+    /// A mesh in the world, one of [`MESHES`].
+    Mesh,
 }
+
+/// Where a mesh to compare with may lie.
+const MESHES: [&str; 2] = ["truth/mesh.ply", "pseudo_gt_mesh.ply"];
+/// What the files of disparities are named after the number of the photograph: Middlebury and ETH3D.
+const DISPARITIES: [&str; 2] = ["", "GT"];
 
 /// Millimetres to metres.
 const SENSOR_UNIT: f64 = 0.001;
@@ -76,6 +88,10 @@ impl Reference {
             Layout::Exact
         } else if has("png") {
             Layout::Sensor
+        } else if let Some(pair) = rectified_pair(scene) {
+            Layout::Disparity(pair)
+        } else if mesh_of(scene).is_some() {
+            Layout::Mesh
         } else {
             return Ok(None);
         };
@@ -88,18 +104,20 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`] when the depth map is there and does not read.
     pub fn depth_of(&self, stem: &str, camera: &Camera) -> Result<Option<(Grid<f32>, Intrinsics)>, ReferenceError> {
-        let (folder, prefix, extension) = match self.layout {
-            Layout::MultiView { .. } => ("pseudo_gt", "depth_", "png"),
-            Layout::Exact => ("depth", "", "pfm"),
-            Layout::Sensor => ("depth", "", "png"),
+        let path = match self.layout {
+            Layout::MultiView { .. } => find(&self.scene.join("pseudo_gt"), "depth_", stem, "png"),
+            Layout::Exact => find(&self.scene.join("depth"), "", stem, "pfm"),
+            Layout::Sensor => find(&self.scene.join("depth"), "", stem, "png"),
+            Layout::Disparity(_) => disparities_of(&self.scene, stem),
+            Layout::Mesh => mesh_of(&self.scene),
         };
-        let Some(path) = find(&self.scene.join(folder), prefix, stem, extension) else {
-            return Ok(None);
-        };
+        let Some(path) = path else { return Ok(None) };
         let depth = match self.layout {
             Layout::MultiView { unit } => read_depth_png16(&path, unit)?,
             Layout::Exact => read_pfm(&path)?,
             Layout::Sensor => read_depth_png16(&path, SENSOR_UNIT)?,
+            Layout::Disparity(pair) => depth_of_disparity(&read_pfm(&path)?, &pair),
+            Layout::Mesh => mesh_depth(&read_ply_file(&path)?, camera),
         };
         // All layouts store the full field of view, so the photograph's camera at their size is theirs.
         let intrinsics = camera.resized(depth.width(), depth.height()).intrinsics;
@@ -151,6 +169,36 @@ fn unit_of(meta: &Path) -> Result<f64, ReferenceError> {
     let json: serde_json::Value = serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
     let unit = ["depth_unit_mm", "depth_unit_m"].iter().find_map(|key| json[key].as_f64());
     unit.filter(|unit| *unit > 0.0).ok_or_else(|| malformed("needs `depth_unit_mm` or `depth_unit_m`".into()))
+}
+
+fn mesh_of(scene: &Path) -> Option<PathBuf> {
+    MESHES.iter().map(|name| scene.join(name)).find(|path| path.is_file())
+}
+
+/// Left and right camera of a rectified pair whose disparity is known.
+fn rectified_pair(scene: &Path) -> Option<[Camera; 2]> {
+    disparities_of(scene, "im0")?;
+    let pair = Scene::open_as(scene, FormatKind::StereoCalib).ok()?;
+    Some([pair.frames[0].pinhole(), pair.frames[1].pinhole()])
+}
+
+/// The disparities of `im0` or `im1`.
+fn disparities_of(scene: &Path, stem: &str) -> Option<PathBuf> {
+    let number = stem.strip_prefix("im").filter(|number| ["0", "1"].contains(number))?;
+    DISPARITIES.iter().map(|end| scene.join(format!("disp{number}{end}.pfm"))).find(|path| path.is_file())
+}
+
+/// `Z = baseline f / (d + offset)`, `offset` how much farther right the right principal point lies; 0 where the
+/// disparity is infinite, zero or negative, which is how those sets write that it is not known.
+fn depth_of_disparity(disparity: &Grid<f32>, pair: &[Camera; 2]) -> Grid<f32> {
+    let [left, right] = pair.map(|camera| camera.resized(disparity.width(), disparity.height()));
+    let baseline = (right.centre() - left.centre()).length();
+    let offset = right.intrinsics.cx - left.intrinsics.cx;
+    disparity.map(|&d| {
+        let known = d.is_finite() && d > 0.0;
+        let parallax = f64::from(d) + offset;
+        if known && parallax > 0.0 { (baseline * left.intrinsics.fx / parallax) as f32 } else { 0.0 }
+    })
 }
 
 /// The file `prefix + stem + extension`; a stem that is a number also finds it with other leading zeros.
@@ -205,6 +253,48 @@ mod tests {
         assert!(reference.points().unwrap().is_none());
         fs::write(scene.path().join("pseudo_gt/meta.json"), "{}").unwrap();
         assert!(Reference::open(scene.path()).unwrap_err().to_string().contains("depth_unit_mm"));
+    }
+
+    #[test]
+    fn disparities_of_a_rectified_pair_become_depth() {
+        let scene = tempfile::tempdir().unwrap();
+        let write =
+            |name: &str, map: Grid<f32>| write_pfm(&mut fs::File::create(scene.path().join(name)).unwrap(), &map);
+        for name in ["im0.png", "im1.png"] {
+            write_depth_png(&mut fs::File::create(scene.path().join(name)).unwrap(), &depth(), 0.001).unwrap();
+        }
+        // 20 x 15 photographs; the right principal point lies 3 pixels farther left, the right camera 0.4 to the right.
+        let calib =
+            "cam0=[50 0 9.5; 0 50 7; 0 0 1]\ncam1=[50 0 6.5; 0 50 7; 0 0 1]\nbaseline=0.4\nwidth=20\nheight=15\n";
+        fs::write(scene.path().join("calib.txt"), calib).unwrap();
+        assert_eq!(Reference::open(scene.path()).unwrap(), None);
+        let parallax = |z: f32| 50.0 * 0.4 / z;
+        write("disp0.pfm", depth().map(|&z| if z > 0.0 { parallax(z) + 3.0 } else { f32::INFINITY })).unwrap();
+        let reference = Reference::open(scene.path()).unwrap().unwrap();
+        let (found, _) = reference.depth_of("im0", &camera()).unwrap().unwrap();
+        assert!(found.as_slice().iter().zip(depth().as_slice()).all(|(a, b)| (a - b).abs() <= 1e-5 * b));
+        assert!(reference.depth_of("im1", &camera()).unwrap().is_none());
+        // The same map for a photograph of twice the size.
+        let twice = Grid::from_fn(40, 30, |x, y| 2.0 * (parallax(depth()[(x / 2, y / 2)].max(1.0)) + 3.0));
+        write("disp1GT.pfm", twice).unwrap();
+        let (found, _) = reference.depth_of("im1", &camera()).unwrap().unwrap();
+        assert!((found[(21, 10)] - depth()[(10, 5)]).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_mesh_is_a_reference_for_every_camera() {
+        let scene = tempfile::tempdir().unwrap();
+        let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+        // The triangle lies in the plane z = 4 + x and covers the upper left of the picture.
+        let text = format!("{header}-2 -2 2\n2 -2 6\n-2 2 2\n3 0 1 2\n");
+        fs::write(scene.path().join("pseudo_gt_mesh.ply"), text).unwrap();
+        let reference = Reference::open(scene.path()).unwrap().unwrap();
+        let (depth, _) = reference.depth_of("any", &camera()).unwrap().unwrap();
+        let at = Camera::pixel_centre(12, 9);
+        let expected = 4.0 / (1.0 - (at.x - 20.5) / 100.0);
+        assert!((f64::from(depth[(12, 9)]) - expected).abs() < 1e-5, "{} {expected}", depth[(12, 9)]);
+        assert_eq!(depth[(39, 29)], 0.0);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use super::error::SceneError;
 use super::files::ImageFiles;
 use super::format::FormatKind;
-use super::formats::{colmap, re10k};
+use super::formats::{colmap, re10k, stereo_calib};
 use crate::npy::Npz;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -167,6 +167,11 @@ fn sources(kind: FormatKind, root: &Path, files: &[PathBuf]) -> Vec<PathBuf> {
                 self::files(folder).iter().any(|file| file.extension().is_some_and(|ext| ext == "camera"))
             });
             folders
+        }
+        FormatKind::StereoCalib => {
+            let mut found = named("calib.txt");
+            found.retain(|path| stereo_calib::looks_like(&beginning(path)));
+            found
         }
         FormatKind::PosesText if root.join("K.txt").is_file() => named("poses.txt"),
         FormatKind::PosesText => Vec::new(),

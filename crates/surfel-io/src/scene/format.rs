@@ -28,6 +28,8 @@ pub enum FormatKind {
     Middlebury,
     /// Strecha et al. `*.camera`.
     Strecha,
+    /// Middlebury stereo and ETH3D two-view `calib.txt`.
+    StereoCalib,
     /// `poses.txt` and `K.txt`.
     PosesText,
     /// Open3D / Redwood `trajectory.log`.
@@ -36,7 +38,7 @@ pub enum FormatKind {
 
 impl FormatKind {
     /// Every format, the preferred one first.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Colmap,
         Self::Transforms,
         Self::Idr,
@@ -47,6 +49,7 @@ impl FormatKind {
         Self::CamerasJson,
         Self::Middlebury,
         Self::Strecha,
+        Self::StereoCalib,
         Self::PosesText,
         Self::TrajectoryLog,
     ];
@@ -64,6 +67,7 @@ impl FormatKind {
             Self::CamerasJson => "cameras-json",
             Self::Middlebury => "middlebury",
             Self::Strecha => "strecha",
+            Self::StereoCalib => "stereo-calib",
             Self::PosesText => "poses-txt",
             Self::TrajectoryLog => "trajectory-log",
         }
@@ -82,6 +86,7 @@ impl FormatKind {
             Self::CamerasJson => "cameras.json with image, K and camera_from_world",
             Self::Middlebury => "<name>_par.txt",
             Self::Strecha => "<image>.camera",
+            Self::StereoCalib => "calib.txt with cam0, cam1 and baseline (Middlebury stereo, ETH3D two-view)",
             Self::PosesText => "poses.txt and K.txt",
             Self::TrajectoryLog => "trajectory.log (Open3D, Redwood), with intrinsic.json",
         }

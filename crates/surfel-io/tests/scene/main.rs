@@ -5,4 +5,5 @@ mod detection;
 mod golden;
 mod loading;
 mod real_scenes;
+mod stereo_calib;
 mod written;

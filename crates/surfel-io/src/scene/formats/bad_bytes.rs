@@ -42,6 +42,11 @@ fn parsers() -> Vec<(Parser, Vec<u8>)> {
         ),
         (|b| drop(middlebury::parse(b)), format!("1\na.png {k} 1 0 0 0 1 0 0 0 1 0 0 2\n").into()),
         (|b| drop(strecha::parse("a.png", b)), format!("{k} 0 0 0 1 0 0 0 1 0 0 0 1 0 0 2 100 80").into()),
+        (
+            |b| drop(stereo_calib::parse(b)),
+            b"cam0=[100 0 50; 0 100 40; 0 0 1]\ncam1=[100 0 52; 0 100 40; 0 0 1]\nbaseline=19.3\nwidth=100\nheight=80\n".to_vec(),
+        ),
+        (|b| _ = stereo_calib::looks_like(b), b"cam0=[100 0 50; 0 100 40; 0 0 1]\n".to_vec()),
         (|b| drop(re10k::parse(b)), b"https://x\n1 0.9 1.2 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 2\n".to_vec()),
         (|b| _ = re10k::looks_like(b), b"https://x\n1 0.9 1.2 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 2\n".to_vec()),
         (|b| drop(llff::parse(b)), npy(&[1, 17], &llff)),

@@ -12,6 +12,7 @@ pub(super) mod mvsnet;
 pub(super) mod poses_text;
 pub(super) mod re10k;
 pub(super) mod robustmvd;
+pub(super) mod stereo_calib;
 pub(super) mod strecha;
 pub(super) mod trajectory_log;
 pub(super) mod transforms;
@@ -37,6 +38,7 @@ pub(super) fn read(kind: FormatKind, source: &Path) -> Result<CameraFile, SceneE
         FormatKind::CamerasJson => cameras_json::read(source),
         FormatKind::Middlebury => middlebury::read(source),
         FormatKind::Strecha => strecha::read(source),
+        FormatKind::StereoCalib => stereo_calib::read(source),
         FormatKind::PosesText => poses_text::read(source),
         FormatKind::TrajectoryLog => trajectory_log::read(source),
     }

@@ -26,7 +26,8 @@ Example:
   surfelsplat reconstruct scene --views 23,24 --size 320x256 -o out
   surfelsplat eval depth scene out")]
 pub struct DepthArgs {
-    /// Scene folder with a reference: pseudo_gt/, or depth/ beside the photographs.
+    /// Scene folder with a reference: pseudo_gt/, depth/ or disp0.pfm beside the photographs, or a mesh of the scene in
+    /// truth/mesh.ply or pseudo_gt_mesh.ply.
     pub scene: PathBuf,
 
     /// Folder with depth/<stem>.pfm and cameras.json, as `reconstruct` writes it.
@@ -57,7 +58,10 @@ const CAP_SHARE: f64 = 20.0 / 650.0;
 pub fn run(args: &DepthArgs, json: bool) -> Result<ExitCode> {
     let scene = Scene::open(&args.scene)?;
     let Some(reference) = Reference::open(&scene.root)? else {
-        bail!("{} has no reference depth: neither pseudo_gt/ nor depth/", scene.root.display());
+        bail!(
+            "{} has no reference: neither pseudo_gt/ nor depth/, no disp0.pfm, no truth/mesh.ply",
+            scene.root.display()
+        );
     };
     let scored = scored_views(&scene, &reference, &args.output)?;
     if scored.is_empty() {
