@@ -61,7 +61,7 @@ impl ModuleVisitor for Collector {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let tensor = param.val();
         let shape = tensor.dims().to_vec();
-        self.parameters.push(Named { name: self.path.name(), shape, values: crate::head::values(tensor) });
+        self.parameters.push(Named { name: self.path.name(), shape, values: crate::layers::values(tensor) });
     }
 }
 

@@ -9,7 +9,7 @@ use super::patches::patches;
 use super::seed_maps::SeedMaps;
 use super::{Refined, SceneGeometry, SeededRefinement, disparity};
 use crate::config::NetConfig;
-use crate::head::values;
+use crate::layers::values;
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor};
 use surfel_core::Grid;

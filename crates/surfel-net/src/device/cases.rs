@@ -4,7 +4,8 @@
 
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
 use crate::example_scene::{ExampleScene, cameras};
-use crate::head::{SurfelTensors, values};
+use crate::head::SurfelTensors;
+use crate::layers::values;
 use crate::model::SurfelNet;
 use crate::ops::gather_attention::{Regions, Window};
 use crate::ops::plane_sweep::Base;

@@ -11,4 +11,4 @@ mod surfel_tensors;
 pub(crate) use adapter::{Adapter, Base};
 pub(crate) use attributes::AttributeHead;
 pub(crate) use plane_frame::{frames_from_normals, normals_away};
-pub use surfel_tensors::{SurfelTensors, values};
+pub use surfel_tensors::SurfelTensors;

@@ -84,7 +84,7 @@ mod tests {
         let slopes = slope(away.x, intrinsics.fx).chain(slope(away.y, intrinsics.fy)).collect();
         let normals = normals_away(&[camera], map(w, 1), map(slopes, 2), &device);
         let frames = frames_from_normals(normals.clone());
-        let (normals, frames) = (crate::head::values(normals), crate::head::values(frames));
+        let (normals, frames) = (crate::layers::values(normals), crate::layers::values(frames));
         for i in 0..176 {
             let normal = DVec3::new(normals[i].into(), normals[176 + i].into(), normals[352 + i].into());
             assert!((normal - away).length() < 1e-5, "{normal} vs {away}");

@@ -1,5 +1,6 @@
 //! Surfels as tensors that gradients flow through.
 
+use crate::layers::values;
 use burn::tensor::Tensor;
 use surfel_core::Surfels;
 
@@ -32,14 +33,6 @@ impl SurfelTensors {
             sh_degree: self.sh_degree,
         }
     }
-}
-
-/// A tensor's values, row-major.
-///
-/// # Panics
-/// If the tensor is not of f32, in which every network here runs.
-pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("a network runs in f32")
 }
 
 fn rows<const N: usize>(values: Vec<f32>) -> Vec<[f32; N]> {

@@ -4,9 +4,11 @@
 
 mod conv;
 mod linear;
+mod values;
 
 pub(crate) use conv::{Conv2d, ConvConfig};
 pub(crate) use linear::Linear;
+pub use values::values;
 
 use burn::nn::{GroupNorm, GroupNormConfig, Initializer};
 use burn::tensor::module::interpolate;

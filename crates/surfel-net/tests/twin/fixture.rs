@@ -4,7 +4,7 @@
 
 use super::device;
 use crate::checkpoint::filled;
-use crate::head::values;
+use crate::layers::values;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, Tensor, TensorData};
 use glam::{DMat3, DVec3};
