@@ -61,9 +61,20 @@ enum Layout {
     /// `depth/STEM.png`, millimetres in a scene in metres.
     Sensor,
     /// `disp0.pfm` or `disp0GT.pfm`, pixels between the left and the right camera.
-    Disparity([Camera; 2]),
+    Disparity(Rectified),
     /// A mesh in the world, one of [`MESHES`].
     Mesh,
+}
+
+/// A rectified pair, in pixels of photographs of a stated width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rectified {
+    /// Baseline times focal length, scene units x pixels.
+    baseline_focal: f64,
+    /// How much farther right the right principal point lies, pixels.
+    offset: f64,
+    /// Columns of the photographs.
+    width: usize,
 }
 
 /// Where a mesh to compare with may lie.
@@ -116,7 +127,7 @@ impl Reference {
             Layout::MultiView { unit } => read_depth_png16(&path, unit)?,
             Layout::Exact => read_pfm(&path)?,
             Layout::Sensor => read_depth_png16(&path, SENSOR_UNIT)?,
-            Layout::Disparity(pair) => depth_of_disparity(&read_pfm(&path)?, &pair),
+            Layout::Disparity(pair) => pair.depth(&read_pfm(&path)?),
             Layout::Mesh => mesh_depth(&read_ply_file(&path)?, camera),
         };
         // All layouts store the full field of view, so the photograph's camera at their size is theirs.
@@ -175,11 +186,16 @@ fn mesh_of(scene: &Path) -> Option<PathBuf> {
     MESHES.iter().map(|name| scene.join(name)).find(|path| path.is_file())
 }
 
-/// Left and right camera of a rectified pair whose disparity is known.
-fn rectified_pair(scene: &Path) -> Option<[Camera; 2]> {
+/// The rectified pair of a scene whose disparity is known.
+fn rectified_pair(scene: &Path) -> Option<Rectified> {
     disparities_of(scene, "im0")?;
     let pair = Scene::open_as(scene, FormatKind::StereoCalib).ok()?;
-    Some([pair.frames[0].pinhole(), pair.frames[1].pinhole()])
+    let [left, right] = [0, 1].map(|side| pair.frames[side].pinhole());
+    Some(Rectified {
+        baseline_focal: (right.centre() - left.centre()).length() * left.intrinsics.fx,
+        offset: right.intrinsics.cx - left.intrinsics.cx,
+        width: left.width,
+    })
 }
 
 /// The disparities of `im0` or `im1`.
@@ -188,17 +204,17 @@ fn disparities_of(scene: &Path, stem: &str) -> Option<PathBuf> {
     DISPARITIES.iter().map(|end| scene.join(format!("disp{number}{end}.pfm"))).find(|path| path.is_file())
 }
 
-/// `Z = baseline f / (d + offset)`, `offset` how much farther right the right principal point lies; 0 where the
-/// disparity is infinite, zero or negative, which is how those sets write that it is not known.
-fn depth_of_disparity(disparity: &Grid<f32>, pair: &[Camera; 2]) -> Grid<f32> {
-    let [left, right] = pair.map(|camera| camera.resized(disparity.width(), disparity.height()));
-    let baseline = (right.centre() - left.centre()).length();
-    let offset = right.intrinsics.cx - left.intrinsics.cx;
-    disparity.map(|&d| {
-        let known = d.is_finite() && d > 0.0;
-        let parallax = f64::from(d) + offset;
-        if known && parallax > 0.0 { (baseline * left.intrinsics.fx / parallax) as f32 } else { 0.0 }
-    })
+impl Rectified {
+    /// `Z = baseline f / (d + offset)`; 0 where the disparity is infinite, zero or negative, which is how those sets
+    /// write that it is not known. `disparity` may have another size than the photographs.
+    fn depth(&self, disparity: &Grid<f32>) -> Grid<f32> {
+        let scale = disparity.width() as f64 / self.width as f64;
+        disparity.map(|&d| {
+            let parallax = f64::from(d) + scale * self.offset;
+            let known = d.is_finite() && d > 0.0 && parallax > 0.0;
+            if known { (scale * self.baseline_focal / parallax) as f32 } else { 0.0 }
+        })
+    }
 }
 
 /// The file `prefix + stem + extension`; a stem that is a number also finds it with other leading zeros.

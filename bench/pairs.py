@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+"""Many pairs of every development scene with a reference, matching and network scored by one ruler, as Markdown.
+
+    bench/pairs.py SCENES OUT [WEIGHTS]
+
+SCENES holds the development scenes in their original formats; OUT receives the results. WEIGHTS stand for those that
+ship. One pair may go one way or the other; a scene's mean over its pairs says more. The pairs of Middlebury's `cones` and
+`teddy` have no published focal length, so one is assumed: shares and relative errors do not depend on it. Needs
+numpy and opencv-python-headless; about ten minutes on two cores.
+"""
+import json
+import pathlib
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+
+TOOL = pathlib.Path(__file__).resolve().parent.parent / "target/release/surfelsplat"
+# Focal length in pixels and baseline in millimetres, as published for the same rig two years later.
+ASSUMED = (935, 160)
+# Scene, size, pairs.
+PAIRS = [
+    ("dtu_scan24", "320x256", "0,2 23,24 23,33 24,25 31,32 33,34 43,42 43,44"),
+    ("strecha_fountain_p11", "384x256", " ".join(f"{i:04},{i + 1:04}" for i in range(10))),
+    ("redwood_rgbd5", "320x240", "00000,00002 00000,00003 00000,00004 00001,00003 00001,00004 00002,00004"),
+    ("hololens_000", "384x256", " ".join(f"{i:05},{i + 6:05}" for i in (27, 36, 45, 99, 105, 111, 207, 216, 225))),
+    ("middlebury_stereo/cones", "450x375", "im0,im1"),
+    ("middlebury_stereo/teddy", "450x375", "im0,im1"),
+    ("sceaux_castle", "384x288", "00001,00002 00003,00004 00005,00006 00007,00008"),
+]
+COLUMNS = ["within 1 %", "median error %", "normals mean deg"]
+SURFACES = ["depth maps", "mesh"]
+
+
+def rectified(source, folder):
+    """A pair of 2003 as later ones are published: photographs, calib.txt and disparities with infinity for unknown."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate("26"):
+        picture = cv2.imread(str(source / f"im{name}.png"))
+        cv2.imwrite(str(folder / f"im{number}.png"), picture)
+        disparity = cv2.imread(str(source / f"disp{name}.png"), cv2.IMREAD_GRAYSCALE).astype("<f4") / 4
+        disparity[disparity == 0] = np.inf
+        height, width = disparity.shape
+        header = f"Pf\n{width} {height}\n-1.0\n".encode()
+        (folder / f"disp{number}.pfm").write_bytes(header + disparity[::-1].tobytes())
+    focal, baseline = ASSUMED
+    k = f"[{focal} 0 {(width - 1) / 2}; 0 {focal} {(height - 1) / 2}; 0 0 1]"
+    lines = [f"cam0={k}", f"cam1={k}", "doffs=0", f"baseline={baseline}", f"width={width}", f"height={height}"]
+    (folder / "calib.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def run(*arguments):
+    return subprocess.run([TOOL, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
+
+
+def score(scene, pair, size, method, weights, out):
+    """Means over the views of one reconstruction, and its Chamfer distances, scene units."""
+    extra = ["--weights", weights] if weights and method == "network" else []
+    run("--quiet", "reconstruct", scene, "--views", pair, "--size", size, "--depth", method, *extra, "-o", out)
+    maps, surfaces = json.loads(run("eval", "depth", scene, out, "--json"))["tables"]
+    mean = dict(zip(maps["columns"], maps["rows"][-1]))
+    overall = {row[0]: row[-1] for row in surfaces["rows"]}
+    return [mean[column] for column in COLUMNS] + [overall[surface] for surface in SURFACES]
+
+
+def main():
+    scenes, out = map(pathlib.Path, sys.argv[1:3])
+    weights = sys.argv[3] if len(sys.argv) > 3 else None
+    print("| scene | pairs | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
+    print("|---|---:|---|---:|---:|---:|---:|---:|")
+    for name, size, pairs in PAIRS:
+        scene = scenes / name
+        if "middlebury" in name:
+            scene = rectified(scene, out / "rectified" / scene.name)
+        of_methods = {}
+        for method in ("matching", "network"):
+            folder = lambda pair: out / f"{scene.name}.{pair.replace(',', '_')}.{method}"
+            scores = [score(scene, pair, size, method, weights, folder(pair)) for pair in pairs.split()]
+            of_methods[method] = np.array(scores)
+        matching, network = of_methods.values()
+        ahead = np.hstack([network[:, :1] > matching[:, :1], network[:, 1:] < matching[:, 1:]]).sum(axis=0)
+        count = len(network)
+        # Lengths as shares of matching's: scenes count in different units.
+        for method, scores in of_methods.items():
+            share, median, normals = scores[:, :3].mean(axis=0)
+            ratios = np.exp(np.log(scores[:, 3:] / matching[:, 3:]).mean(axis=0))
+            wins = ["", *(f" ({n})" for n in ahead)] if method == "network" else [""] * 6
+            cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
+            cells = [cell + win for cell, win in zip(cells, wins[1:])]
+            print(f"| `{name}` at {size} | {count} | {method} |", " | ".join(cells), "|", flush=True)
+
+
+main()
