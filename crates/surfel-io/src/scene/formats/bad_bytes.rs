@@ -42,11 +42,6 @@ fn parsers() -> Vec<(Parser, Vec<u8>)> {
         ),
         (|b| drop(middlebury::parse(b)), format!("1\na.png {k} 1 0 0 0 1 0 0 0 1 0 0 2\n").into()),
         (|b| drop(strecha::parse("a.png", b)), format!("{k} 0 0 0 1 0 0 0 1 0 0 0 1 0 0 2 100 80").into()),
-        (
-            |b| drop(stereo_calib::parse(b)),
-            b"cam0=[100 0 50; 0 100 40; 0 0 1]\ncam1=[100 0 52; 0 100 40; 0 0 1]\nbaseline=19.3\nwidth=100\nheight=80\n".to_vec(),
-        ),
-        (|b| _ = stereo_calib::looks_like(b), b"cam0=[100 0 50; 0 100 40; 0 0 1]\n".to_vec()),
         (|b| drop(re10k::parse(b)), b"https://x\n1 0.9 1.2 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 2\n".to_vec()),
         (|b| _ = re10k::looks_like(b), b"https://x\n1 0.9 1.2 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 2\n".to_vec()),
         (|b| drop(llff::parse(b)), npy(&[1, 17], &llff)),
@@ -55,6 +50,11 @@ fn parsers() -> Vec<(Parser, Vec<u8>)> {
         (|b| drop(poses_text::parse(b, &[1.0; 9], Some(b))), pose.into()),
         (|b| drop(trajectory_log::parse(b, None)), b"0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n".to_vec()),
         (|b| drop(trajectory_log::parse_intrinsic(b)), intrinsic.into()),
+        (
+            |b| drop(stereo_calib::parse(b)),
+            b"cam0=[100 0 50; 0 100 40; 0 0 1]\ncam1=[100 0 52; 0 100 40; 0 0 1]\nbaseline=19.3\nwidth=100\nheight=80\n".to_vec(),
+        ),
+        (|b| _ = stereo_calib::looks_like(b), b"cam0=[100 0 50; 0 100 40; 0 0 1]\n".to_vec()),
     ]
 }
 
@@ -89,6 +89,7 @@ fn the_seeds_are_valid() {
     assert_eq!(idr::parse(&parsers()[8].1).unwrap().entries.len(), 1);
     assert_eq!(robustmvd::parse(&parsers()[9].1).unwrap().entries.len(), 1);
     assert_eq!(llff::parse(&parsers()[15].1).unwrap().entries.len(), 1);
+    assert_eq!(stereo_calib::parse(&parsers()[21].1).unwrap().entries.len(), 2);
     assert_eq!(transforms::parse(&parsers()[6].1).unwrap().entries.len(), 1);
     assert_eq!(cameras_json::parse(&parsers()[7].1).unwrap().entries.len(), 1);
     assert_eq!(colmap::text_images(&parsers()[1].1).unwrap().len(), 2);
