@@ -16,6 +16,8 @@ import sys
 import cv2
 import numpy as np
 
+from peers.opencv_sgbm import write_pfm
+
 TOOL = pathlib.Path(__file__).resolve().parent.parent / "target/release/surfelsplat"
 # Focal length in pixels and baseline in millimetres, as published for the same rig two years later.
 ASSUMED = (935, 160)
@@ -42,8 +44,7 @@ def rectified(source, folder):
         disparity = cv2.imread(str(source / f"disp{name}.png"), cv2.IMREAD_GRAYSCALE).astype("<f4") / 4
         disparity[disparity == 0] = np.inf
         height, width = disparity.shape
-        header = f"Pf\n{width} {height}\n-1.0\n".encode()
-        (folder / f"disp{number}.pfm").write_bytes(header + disparity[::-1].tobytes())
+        write_pfm(folder / f"disp{number}.pfm", disparity)
     focal, baseline = ASSUMED
     k = f"[{focal} 0 {(width - 1) / 2}; 0 {focal} {(height - 1) / 2}; 0 0 1]"
     lines = [f"cam0={k}", f"cam1={k}", "doffs=0", f"baseline={baseline}", f"width={width}", f"height={height}"]
@@ -76,8 +77,10 @@ def main():
             scene = rectified(scene, out / "rectified" / scene.name)
         of_methods = {}
         for method in ("matching", "network"):
-            folder = lambda pair: out / f"{scene.name}.{pair.replace(',', '_')}.{method}"
-            scores = [score(scene, pair, size, method, weights, folder(pair)) for pair in pairs.split()]
+            scores = []
+            for pair in pairs.split():
+                folder = out / f"{scene.name}.{pair.replace(',', '_')}.{method}"
+                scores.append(score(scene, pair, size, method, weights, folder))
             of_methods[method] = np.array(scores)
         matching, network = of_methods.values()
         ahead = np.hstack([network[:, :1] > matching[:, :1], network[:, 1:] < matching[:, 1:]]).sum(axis=0)
@@ -86,10 +89,11 @@ def main():
         for method, scores in of_methods.items():
             share, median, normals = scores[:, :3].mean(axis=0)
             ratios = np.exp(np.log(scores[:, 3:] / matching[:, 3:]).mean(axis=0))
-            wins = ["", *(f" ({n})" for n in ahead)] if method == "network" else [""] * 6
+            wins = [f" ({n})" for n in ahead] if method == "network" else [""] * len(ahead)
             cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
-            cells = [cell + win for cell, win in zip(cells, wins[1:])]
+            cells = [cell + win for cell, win in zip(cells, wins)]
             print(f"| `{name}` at {size} | {count} | {method} |", " | ".join(cells), "|", flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -205,14 +205,13 @@ fn disparities_of(scene: &Path, stem: &str) -> Option<PathBuf> {
 }
 
 impl Rectified {
-    /// `Z = baseline f / (d + offset)`; 0 where the disparity is infinite, zero or negative, which is how those sets
-    /// write that it is not known. `disparity` may have another size than the photographs.
+    /// `Z = baseline f / (d + offset)`; 0 where the disparity is 0, as [`read_pfm`] gives it where it is not known.
+    /// `disparity` may have another size than the photographs.
     fn depth(&self, disparity: &Grid<f32>) -> Grid<f32> {
         let scale = disparity.width() as f64 / self.width as f64;
         disparity.map(|&d| {
             let parallax = f64::from(d) + scale * self.offset;
-            let known = d.is_finite() && d > 0.0 && parallax > 0.0;
-            if known { (scale * self.baseline_focal / parallax) as f32 } else { 0.0 }
+            if d > 0.0 && parallax > 0.0 { (scale * self.baseline_focal / parallax) as f32 } else { 0.0 }
         })
     }
 }
