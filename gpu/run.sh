@@ -3,7 +3,7 @@
 #
 #   run.sh PARTS OUT [SECONDS]
 #
-# PARTS is the folder of parts, OUT gets check.json, train.log, metrics.jsonl and the run's checkpoint and weights in
+# PARTS is the folder of parts, OUT gets check.txt, train.log, metrics.jsonl and the run's checkpoint and weights in
 # parts of at most 15 MiB: `cat checkpoint.safetensors.* > checkpoint.safetensors` joins them. OUT/resume.* (such parts
 # of an earlier checkpoint, put there before) are gone on with. Training ends after SECONDS (default 480) or with its
 # configuration. DEVICE (default cuda) is as in `surfelsplat train --device`; WORK is where things are unpacked.
@@ -20,7 +20,7 @@ work=${WORK:-$(mktemp -d)}
 (cd "$parts" && sha256sum --check --quiet SHA256SUMS)
 mkdir -p "$work"
 cat "$parts"/program.tar.xz.* | tar -C "$work" -xJ
-cat "$parts"/data.tar.* | tar -C "$work" -x
+cat "$parts"/data.tar.xz.* | tar -C "$work" -xJ
 
 if [ "${device%%:*}" = cuda ]; then
     # The headers first, then the libraries, which the program opens by name.
@@ -47,10 +47,11 @@ if [ "${device%%:*}" = cuda ]; then
 fi
 
 cd "$work"
+# Kernels are compiled and compared once, not once a program.
+printf '[compilation]\ncache = true\n[autotune]\nlevel = "minimal"\n' >cubecl.toml
 # Says what differs and goes on: whoever reads it decides whether the training counts.
-timeout "${CHECK_SECONDS:-180}" ./surfelsplat device --device "$device" --json >"$out/check.json" ||
-    echo "run.sh: the check of $device failed; see check.json" >&2
-cat "$out/check.json"
+timeout "${CHECK_SECONDS:-180}" ./surfelsplat device --device "$device" | tee "$out/check.txt" ||
+    echo "run.sh: the check of $device failed; see check.txt" >&2
 
 mkdir -p run
 if ls "$out"/resume.* >/dev/null 2>&1; then cat "$out"/resume.* >run/checkpoint.safetensors; fi

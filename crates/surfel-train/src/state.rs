@@ -10,14 +10,15 @@ use crate::parameters::Named;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
+use std::sync::Arc;
 
 /// What a run is at some step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     /// Steps done.
     pub step: u64,
-    /// Weights by name.
-    pub weights: Named,
+    /// Weights by name; shared with whoever computes with them.
+    pub weights: Arc<Named>,
     /// Their mean over the last steps, by name; empty in a run without averaging.
     pub average: Named,
     /// Optimiser.
@@ -29,7 +30,7 @@ pub struct State {
 impl State {
     /// The start of a run.
     pub fn new(weights: Named) -> Self {
-        Self { step: 0, weights, average: Named::new(), adam: AdamState::default(), best: None }
+        Self { step: 0, weights: Arc::new(weights), average: Named::new(), adam: AdamState::default(), best: None }
     }
 
     /// Draws the mean towards the weights; the first weights weigh less than `decay` says, for they are the worst.
@@ -38,7 +39,7 @@ impl State {
             return;
         }
         let decay = decay.min((1.0 + self.step as f64) / (10.0 + self.step as f64)) as f32;
-        for (name, weights) in &self.weights {
+        for (name, weights) in self.weights.iter() {
             let mean = self.average.entry(name.clone()).or_insert_with(|| weights.clone());
             mean.iter_mut().zip(weights).for_each(|(mean, weight)| *mean += (1.0 - decay) * (weight - *mean));
         }
@@ -58,7 +59,7 @@ pub fn save(state: &State, config: &TrainConfig, path: &Path) -> Result<(), Trai
     let damaged = |reason: String| TrainError::Damaged { path: path.to_path_buf(), reason };
     let bytes = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|value| value.to_le_bytes()).collect() };
     let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
-    for (name, weights) in &state.weights {
+    for (name, weights) in state.weights.iter() {
         tensors.push((format!("weight.{name}"), bytes(weights)));
     }
     for (name, average) in &state.average {
@@ -121,7 +122,7 @@ pub fn load(config: &TrainConfig, path: &Path) -> Result<State, TrainError> {
         Some((share.parse().ok()?, step.parse().ok()?))
     });
     let adam = AdamState { steps: number("adam_steps")?, moments };
-    Ok(State { step: number("step")?, weights, average, adam, best })
+    Ok(State { step: number("step")?, weights: Arc::new(weights), average, adam, best })
 }
 
 #[cfg(test)]
@@ -132,9 +133,9 @@ mod tests {
     fn the_mean_follows_the_weights_and_stays_where_they_stay() {
         let weights = |value: f32| Named::from([("a".to_owned(), vec![value, 1.0])]);
         let mut state = State::new(weights(0.0));
-        assert_eq!(state.kept(), &state.weights);
+        assert_eq!(state.kept(), &*state.weights);
         state.average(0.9);
-        state.weights = weights(8.0);
+        state.weights = Arc::new(weights(8.0));
         state.step = 1000;
         state.average(0.75);
         assert_eq!(state.kept(), &weights(2.0));

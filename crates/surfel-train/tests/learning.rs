@@ -80,6 +80,22 @@ fn a_short_run_learns_and_one_that_cannot_learn_is_found_out() {
 }
 
 #[test]
+fn a_step_learns_the_same_in_any_number_of_lanes() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("samples");
+    let learned = |lanes: usize| {
+        let (losses, config) = (Losses::default(), TrainConfig { batch: 3, ..maps_only(1e-3, 4) });
+        let trainer = Trainer::new(config, &folder.path().join(lanes.to_string()), places(&cache)).unwrap();
+        let mut trainer = trainer.with_lanes(lanes);
+        trainer.run(4, &losses).unwrap();
+        (losses.0.into_inner().unwrap(), parameters::read(&trainer.kept_net()))
+    };
+    let alone = learned(1);
+    assert_eq!(alone.0.len(), 2);
+    assert!(alone == learned(2) && alone == learned(3));
+}
+
+#[test]
 fn only_what_is_to_learn_learns() {
     let folder = tempfile::tempdir().unwrap();
     let cache = folder.path().join("samples");

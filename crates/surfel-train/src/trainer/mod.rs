@@ -1,9 +1,11 @@
 //! The loop: samples in, weights out, everything on disk.
 //!
-//! Samples are made by a thread of their own while the network computes. Which sample a step sees follows from
-//! the seed and the step alone. Invariant: after a kill, the resumed run writes the same losses that the
-//! uninterrupted one would have.
+//! Samples are made by threads of their own while the network computes, a step's samples side by side where there are
+//! cores for it. Which sample a step sees follows from the seed and the step alone. Invariant: after a kill, the resumed
+//! run writes the same losses that the uninterrupted one would have.
 
+mod ahead;
+mod lanes;
 mod order;
 mod start;
 
@@ -11,25 +13,24 @@ use crate::adam::{Adam, clipping};
 use crate::cache::Cache;
 use crate::config::TrainConfig;
 use crate::error::TrainError;
-use crate::loss::{self, Said};
 use crate::metrics::{self, METRICS, Meter};
 use crate::parameters::{self, Named};
 use crate::pictures;
 use crate::sample::Sample;
 use crate::state::{self, State};
 use crate::validate::{Validation, validate};
+use ahead::ahead;
 use burn::tensor::Device;
-use order::{draw, pass};
+use lanes::{Lanes, Lesson};
+use order::draw;
 use std::path::PathBuf;
-use std::sync::mpsc::sync_channel;
-use surfel_loss::{Perceptual, Terms};
+use std::sync::Arc;
+use surfel_loss::Perceptual;
 use surfel_net::{SurfelNet, checkpoint};
 
 pub use crate::metrics::StepReport;
 pub use start::Places;
 
-/// Samples made ahead of their use.
-const AHEAD: usize = 2;
 /// The checkpoint in a run's folder.
 const CHECKPOINT: &str = "checkpoint.safetensors";
 
@@ -47,13 +48,20 @@ pub struct Trainer {
     folder: PathBuf,
     device: Device,
     net: SurfelNet,
-    perceptual: Perceptual,
+    perceptual: Arc<Perceptual>,
     state: State,
+    lanes: usize,
     train: Vec<(u64, Cache)>,
     validation: Vec<(u64, Cache)>,
 }
 
 impl Trainer {
+    /// With `lanes` samples of a step (at least one) computed side by side, on as many threads; without it there is one
+    /// for every two cores, since most operators use several themselves. Each needs the memory of a step.
+    pub fn with_lanes(self, lanes: usize) -> Self {
+        Self { lanes: lanes.max(1), ..self }
+    }
+
     /// Steps done.
     pub fn step(&self) -> u64 {
         self.state.step
@@ -70,12 +78,15 @@ impl Trainer {
     /// When a sample cannot be made.
     pub fn prepare(&self, made: impl Fn(u64)) -> Result<(), TrainError> {
         let sides = self.validation.iter().chain(&self.train);
-        let numbers = sides.flat_map(|(count, cache)| (0..*count).map(move |number| (cache, number)));
-        for (done, (cache, number)) in numbers.enumerate() {
-            cache.sample(number)?;
-            made(done as u64 + 1);
-        }
-        Ok(())
+        let samples: Vec<_> = sides.flat_map(|(count, cache)| (0..*count).map(move |n| (cache, n))).collect();
+        let make = |i: u64| {
+            let (cache, number) = samples[i as usize];
+            cache.sample(number)
+        };
+        std::thread::scope(|scope| {
+            let mut next = ahead(scope, cores(), 0..samples.len() as u64, &make);
+            (1..=samples.len() as u64).try_for_each(|done| next().map(|_| made(done)))
+        })
     }
 
     /// Runs until `until` steps are done (at most those of the configuration).
@@ -87,19 +98,12 @@ impl Trainer {
         let batch = self.config.batch as u64;
         let numbers = self.state.step * batch..until * batch;
         let (train, config) = (std::mem::take(&mut self.train), self.config.clone());
-        let (sender, receiver) = sync_channel::<Result<Sample, TrainError>>(AHEAD);
+        let lesson = Lesson { config, perceptual: self.perceptual.clone(), device: self.device.clone() };
+        let make = |number| draw(&train, &lesson.config, number);
         let result = std::thread::scope(|scope| {
-            let train = &train;
-            scope.spawn(move || {
-                for number in numbers {
-                    let sample = draw(train, &config, number);
-                    let failed = sample.is_err();
-                    if sender.send(sample).is_err() || failed {
-                        return;
-                    }
-                }
-            });
-            self.steps(until, watcher, || receiver.recv().unwrap_or(Err(TrainError::EmptyScene)))
+            let next = ahead(scope, cores().div_ceil(2), numbers, &make);
+            let lanes = Lanes::start(scope, self.lanes.min(self.config.batch), &lesson, &self.net);
+            self.steps(until, watcher, next, &lanes)
         });
         self.train = train;
         result
@@ -110,11 +114,12 @@ impl Trainer {
         until: u64,
         watcher: &dyn Watcher,
         mut next: impl FnMut() -> Result<Sample, TrainError>,
+        lanes: &Lanes,
     ) -> Result<(), TrainError> {
         let mut meter = Meter::new();
         while self.state.step < until {
             let samples = (0..self.config.batch).map(|_| next()).collect::<Result<Vec<_>, _>>()?;
-            self.learn(&samples, &mut meter)?;
+            self.learn(samples, lanes, &mut meter)?;
             let step = self.state.step;
             let due = |every: u64| step.is_multiple_of(every) || step == self.config.steps;
             if due(self.config.every.log) {
@@ -158,49 +163,25 @@ impl Trainer {
         self.config.rate.at(step, self.config.steps)
     }
 
-    /// What is wrong with the network's answer; surfels are made only when a term looks at them.
-    fn terms(&self, sample: &Sample) -> Result<Terms, TrainError> {
-        let (input, weights) = (sample.input(self.net.config()), &self.config.loss.at(self.state.step));
-        if weights.needs_surfels() {
-            let prediction = self.net.forward(&input, &self.device)?;
-            return loss::terms((&prediction).into(), sample, weights, &self.perceptual, &self.device);
-        }
-        let maps = self.pass_taught().forward_maps(&input, &self.device)?;
-        loss::terms(Said { maps: &maps, surfels: None }, sample, weights, &self.perceptual, &self.device)
-    }
-
-    /// The network up to the pass that this step teaches.
-    fn pass_taught(&self) -> SurfelNet {
-        let passes = self.net.config().passes();
-        self.net.clone().with_passes(pass(passes, self.config.seed, self.state.step))
-    }
-
     /// One step of the optimiser.
-    fn learn(&mut self, samples: &[Sample], meter: &mut Meter) -> Result<(), TrainError> {
+    fn learn(&mut self, samples: Vec<Sample>, lanes: &Lanes, meter: &mut Meter) -> Result<(), TrainError> {
         let mut gradients = Named::new();
-        let share = 1.0 / samples.len() as f32;
-        for sample in samples {
-            let terms = self.terms(sample)?;
-            let Some(total) = terms.total() else { continue };
-            let value = f64::from(total.clone().into_scalar::<f32>());
-            if !value.is_finite() {
-                return Err(TrainError::Diverged { step: self.state.step, loss: value });
-            }
-            meter.add_loss(value, &terms.named());
-            let grads = parameters::gradients(&self.net, &total.backward());
-            for (name, new) in grads {
+        let (step, share) = (self.state.step, 1.0 / samples.len() as f32);
+        for learned in lanes.learn(step, &self.state.weights, samples)? {
+            meter.add_loss(learned.loss, &learned.terms);
+            for (name, new) in learned.gradients {
                 let sum = gradients.entry(name).or_insert_with(|| vec![0.0; new.len()]);
                 sum.iter_mut().zip(new).for_each(|(sum, new)| *sum += share * new);
             }
         }
         if gradients.is_empty() {
-            return Err(TrainError::NothingToLearn { step: self.state.step });
+            return Err(TrainError::NothingToLearn { step });
         }
         let (norm, factor) = clipping(gradients.values(), self.config.clip);
-        let rate = self.rate(self.state.step);
-        Adam::default().step(&mut self.state.adam, &mut self.state.weights, &gradients, rate, factor);
-        let net = self.net.clone();
-        self.net = parameters::assign(net, &self.state.weights);
+        let rate = self.rate(step);
+        // The lanes have let go of the weights, so nothing is copied.
+        let weights = Arc::make_mut(&mut self.state.weights);
+        Adam::default().step(&mut self.state.adam, weights, &gradients, rate, factor);
         self.state.step += 1;
         self.state.average(self.config.averaging);
         meter.add_step(norm);
@@ -216,4 +197,9 @@ impl Trainer {
         let samples = self.validation.iter().flat_map(|(count, cache)| (0..*count).map(|n| cache.sample(n)));
         validate(&self.kept_net().valid(), samples)
     }
+}
+
+/// Cores of this machine.
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }

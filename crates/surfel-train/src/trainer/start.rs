@@ -2,7 +2,7 @@
 //!
 //! Invariant: a run that goes on has the weights, the optimiser and the position it was stopped with.
 
-use super::{CHECKPOINT, Trainer};
+use super::{CHECKPOINT, Trainer, cores};
 use crate::cache::Cache;
 use crate::config::{SourceEntry, TrainConfig};
 use crate::error::TrainError;
@@ -12,7 +12,7 @@ use crate::source::Source;
 use crate::state::{self, State};
 use burn::tensor::Device;
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use surfel_loss::{Lpips, Perceptual};
 use surfel_net::{NetConfig, SurfelNet, checkpoint};
 use surfel_synth::Split;
@@ -78,7 +78,9 @@ impl Trainer {
             Some(path) => Perceptual::Lpips(Box::new(Lpips::from_file(path, &device)?)),
             None => Perceptual::Ssim,
         };
-        Ok(Self { config, folder: folder.to_path_buf(), device, net, perceptual, state, train, validation })
+        let perceptual = Arc::new(perceptual);
+        let (folder, lanes) = (folder.to_path_buf(), cores().div_ceil(2));
+        Ok(Self { config, folder, device, net, perceptual, state, lanes, train, validation })
     }
 }
 
