@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Many pairs of every development scene with a reference, matching and network scored by one ruler, as Markdown.
+"""Many pairs of every development scene with a reference, and some larger sets of views, as Markdown: matching and
+network scored by one ruler.
 
     bench/pairs.py SCENES OUT [WEIGHTS]
 
 SCENES holds the development scenes in their original formats; OUT receives the results. WEIGHTS stand for those that
 ship. One pair may go one way or the other; a scene's mean over its pairs says more. The pairs of Middlebury's `cones` and
 `teddy` have no published focal length, so one is assumed: shares and relative errors do not depend on it. Needs
-numpy and opencv-python-headless; about ten minutes on two cores.
+numpy and opencv-python-headless; about twenty minutes on two cores.
 """
 import json
 import pathlib
@@ -30,6 +31,14 @@ PAIRS = [
     ("middlebury_stereo/cones", "450x375", "im0,im1"),
     ("middlebury_stereo/teddy", "450x375", "im0,im1"),
     ("sceaux_castle", "384x288", "00001,00002 00003,00004 00005,00006 00007,00008"),
+]
+# Three to five views at once.
+SETS = [
+    ("dtu_scan24", "320x256", "23,24,33 43,42,44 23,24,25,33,34"),
+    ("strecha_fountain_p11", "384x256", "0004,0005,0006 0006,0007,0008 0002,0003,0004,0005,0006"),
+    ("redwood_rgbd5", "320x240", "00000,00002,00004 00000,00001,00002,00003,00004"),
+    ("hololens_000", "384x256", "00099,00105,00111 00207,00216,00222"),
+    ("sceaux_castle", "384x288", "00002,00003,00004 00005,00006,00007"),
 ]
 COLUMNS = ["within 1 %", "median error %", "normals mean deg"]
 SURFACES = ["depth maps", "mesh"]
@@ -56,31 +65,29 @@ def run(*arguments):
     return subprocess.run([TOOL, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
 
 
-def score(scene, pair, size, method, weights, out):
+def score(scene, views, size, method, weights, out):
     """Means over the views of one reconstruction, and its Chamfer distances, scene units."""
     extra = ["--weights", weights] if weights and method == "network" else []
-    run("--quiet", "reconstruct", scene, "--views", pair, "--size", size, "--depth", method, *extra, "-o", out)
+    run("--quiet", "reconstruct", scene, "--views", views, "--size", size, "--depth", method, *extra, "-o", out)
     maps, surfaces = json.loads(run("eval", "depth", scene, out, "--json"))["tables"]
     mean = dict(zip(maps["columns"], maps["rows"][-1]))
     overall = {row[0]: row[-1] for row in surfaces["rows"]}
     return [mean[column] for column in COLUMNS] + [overall[surface] for surface in SURFACES]
 
 
-def main():
-    scenes, out = map(pathlib.Path, sys.argv[1:3])
-    weights = sys.argv[3] if len(sys.argv) > 3 else None
-    print("| scene | pairs | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
+def table(sets, scenes, out, weights):
+    print("| scene | sets | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
     print("|---|---:|---|---:|---:|---:|---:|---:|")
-    for name, size, pairs in PAIRS:
+    for name, size, views in sets:
         scene = scenes / name
         if "middlebury" in name:
             scene = rectified(scene, out / "rectified" / scene.name)
         of_methods = {}
         for method in ("matching", "network"):
             scores = []
-            for pair in pairs.split():
-                folder = out / f"{scene.name}.{pair.replace(',', '_')}.{method}"
-                scores.append(score(scene, pair, size, method, weights, folder))
+            for chosen in views.split():
+                folder = out / f"{scene.name}.{chosen.replace(',', '_')}.{method}"
+                scores.append(score(scene, chosen, size, method, weights, folder))
             of_methods[method] = np.array(scores)
         matching, network = of_methods.values()
         ahead = np.hstack([network[:, :1] > matching[:, :1], network[:, 1:] < matching[:, 1:]]).sum(axis=0)
@@ -93,6 +100,15 @@ def main():
             cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
             cells = [cell + win for cell, win in zip(cells, wins)]
             print(f"| `{name}` at {size} | {count} | {method} |", " | ".join(cells), "|", flush=True)
+
+
+def main():
+    scenes, out = map(pathlib.Path, sys.argv[1:3])
+    weights = sys.argv[3] if len(sys.argv) > 3 else None
+    for heading, sets in (("Many pairs of every scene", PAIRS), ("Three to five views at once", SETS)):
+        print(f"## {heading}\n")
+        table(sets, scenes, out, weights)
+        print()
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
 use crate::example_scene::{ExampleScene, cameras};
 use crate::head::SurfelTensors;
-use crate::layers::values;
+use crate::layers::{nearest, upsample, values};
 use crate::model::SurfelNet;
 use crate::ops::gather_attention::{Regions, Window};
 use crate::ops::plane_sweep::Base;
@@ -22,6 +22,8 @@ const CHANNELS: usize = 64;
 const HEADS: usize = 4;
 /// Single precision, sums in another order.
 const ROUNDING: f64 = 1e-4;
+/// Products of matrices, whose factors a card's matrix units round to eleven bits (TF32).
+const MATRIX_UNITS: f64 = 2e-3;
 /// The same where gradients are what is left of means that nearly cancel.
 const CANCELLATION: f64 = 1e-3;
 /// The same through a whole network.
@@ -40,6 +42,7 @@ pub(super) fn cases(width: usize, height: usize) -> Vec<Case> {
     vec![
         convolution(width / 2, height / 2),
         normalisation(width / 2, height / 2),
+        upsampling(width / 4, height / 4),
         feed_forward(width * height / 16),
         self_attention(width * height / 64),
         plane_sweep(width / 4, height / 4),
@@ -47,6 +50,7 @@ pub(super) fn cases(width: usize, height: usize) -> Vec<Case> {
         propagation(width, height),
         rendering(width, height),
         shipped_network(width, height),
+        shipped_network_taught(width, height),
     ]
 }
 
@@ -80,11 +84,12 @@ fn differentiated(
 
 fn convolution(width: usize, height: usize) -> Case {
     let counts = vec![2 * CHANNELS * height * width, CHANNELS * CHANNELS * 9, CHANNELS];
-    differentiated("convolution, 3 x 3", counts, move |inputs| {
+    let case = differentiated("convolution, 3 x 3", counts, move |inputs| {
         let [x, weight, bias] = [0, 1, 2].map(|i| inputs[i].clone());
         let (x, weight) = (x.reshape([2, CHANNELS, height, width]), weight.reshape([CHANNELS, CHANNELS, 3, 3]));
         ops::conv2d(x, weight, Some(bias), 1, 1).flatten(0, 3)
-    })
+    });
+    Case { tolerance: MATRIX_UNITS, ..case }
 }
 
 fn normalisation(width: usize, height: usize) -> Case {
@@ -96,20 +101,29 @@ fn normalisation(width: usize, height: usize) -> Case {
     Case { tolerance: CANCELLATION, ..case }
 }
 
+fn upsampling(width: usize, height: usize) -> Case {
+    differentiated("upsampling", vec![2 * CHANNELS * height * width], move |inputs| {
+        let x = inputs[0].clone().reshape([2, CHANNELS, height, width]);
+        upsample(nearest(x, 2), 2, 0).flatten(0, 3)
+    })
+}
+
 fn feed_forward(tokens: usize) -> Case {
     let counts = vec![tokens * CHANNELS, CHANNELS * 4 * CHANNELS];
-    differentiated("linear", counts, move |inputs| {
+    let case = differentiated("linear", counts, move |inputs| {
         let x = inputs[0].clone().reshape([tokens, CHANNELS]);
         linear(x, inputs[1].clone().reshape([CHANNELS, 4 * CHANNELS]), None).flatten(0, 1)
-    })
+    });
+    Case { tolerance: MATRIX_UNITS, ..case }
 }
 
 fn self_attention(tokens: usize) -> Case {
     let dim = CHANNELS / HEADS;
-    differentiated("attention", vec![2 * CHANNELS * tokens; 3], move |inputs| {
+    let case = differentiated("attention", vec![2 * CHANNELS * tokens; 3], move |inputs| {
         let [q, k, v] = [0, 1, 2].map(|i| inputs[i].clone().reshape([2, HEADS, tokens, dim]));
         ops::attention(q, k, v, None).flatten(0, 3)
-    })
+    });
+    Case { tolerance: MATRIX_UNITS, ..case }
 }
 
 fn plane_sweep(width: usize, height: usize) -> Case {
@@ -186,4 +200,18 @@ fn shipped_network(width: usize, height: usize) -> Case {
         vec![values(maps.depth), values(maps.confidence)]
     };
     Case { name: "shipped network", tolerance: DEEP_ROUNDING, compute: Box::new(compute) }
+}
+
+/// A pass back through it: only that the device knows every gradient, for the reason above.
+fn shipped_network_taught(width: usize, height: usize) -> Case {
+    let scene = ExampleScene::new(width, height);
+    let compute = move |device: &Device| {
+        let device = &device.clone().autodiff();
+        let net = SurfelNet::shipped(&Device::flex().autodiff()).expect("the shipped weights load").fork(device);
+        let maps = net.forward_maps(&scene.input(true), device).expect("the scene is usable");
+        let loss = maps.depth.mean() + maps.confidence.mean();
+        drop(loss.backward());
+        vec![values(loss.is_finite().float())]
+    };
+    Case { name: "its gradients", tolerance: ROUNDING, compute: Box::new(compute) }
 }

@@ -1,18 +1,18 @@
 //! The few layers whose settings every part of the network shares.
 //!
-//! Invariant: [`upsample`] keeps positions: pixel `i` of a map with stride `s` stays over input pixel `s i`.
+//! Invariant: what they are made of follows from their arguments alone; only weights are drawn.
 
 mod conv;
 mod linear;
+mod upsample;
 mod values;
 
 pub(crate) use conv::{Conv2d, ConvConfig};
 pub(crate) use linear::Linear;
+pub(crate) use upsample::{nearest, upsample};
 pub use values::values;
 
 use burn::nn::{GroupNorm, GroupNormConfig, Initializer};
-use burn::tensor::module::interpolate;
-use burn::tensor::ops::{InterpolateMode, InterpolateOptions, PadMode};
 use burn::tensor::{Device, Tensor};
 
 /// Settings of a convolution that keeps the size at stride 1.
@@ -41,26 +41,6 @@ pub(crate) fn zero_group_norm(channels: usize, device: &Device) -> GroupNorm {
     let mut norm = group_norm(channels, 8, device);
     norm.gamma = Some(Initializer::Zeros.init([channels], device));
     norm
-}
-
-/// Bilinear upsampling by an integer factor; `before` fine pixels lie before the first coarse one (0 where
-/// coarse pixel `i` stands over fine pixel `factor i`), and the border is repeated.
-pub(crate) fn upsample(map: Tensor<4>, factor: usize, before: usize) -> Tensor<4> {
-    if factor == 1 {
-        return map;
-    }
-    let [_, _, height, width] = map.dims();
-    let size = [height, width].map(|n| factor * (n - 1) + 1);
-    let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(true).with_output_size(size);
-    let after = factor - 1 - before;
-    interpolate(map, options).pad((before, after, before, after), PadMode::Edge)
-}
-
-/// Nearest upsampling by an integer factor.
-pub(crate) fn nearest(map: Tensor<4>, factor: usize) -> Tensor<4> {
-    let [_, _, height, width] = map.dims();
-    let size = [factor * height, factor * width];
-    interpolate(map, InterpolateOptions::new(InterpolateMode::Nearest).with_output_size(size))
 }
 
 /// Every `factor` x `factor` block of pixels as the channels of one pixel.

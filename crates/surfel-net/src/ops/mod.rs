@@ -25,3 +25,4 @@ pub use count::multiply_adds;
 pub use group_norm::group_norm;
 pub(crate) use join::render_planes;
 pub use join::{conv2d, epipolar_attention, gather_attention, plane_sweep, propagate_planes};
+pub(crate) use kernel::runs_on;

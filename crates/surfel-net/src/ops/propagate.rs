@@ -7,7 +7,14 @@
 //! undecided pixel between two surfaces, where nothing is. Invariant: equal planes everywhere come back unchanged,
 //! whatever the weights, and what comes back lies within [`REACH`] of a proposal.
 
+use super::activation::exp;
+use pulp::Arch;
 use rayon::prelude::*;
+
+/// Pixels of a row that choose side by side, as many as the usual vector has numbers.
+const LANES: usize = 8;
+/// A number for each of them.
+type Lanes = [f32; LANES];
 
 /// Proposals farther than this from the pixel's own plane are drawn in, steps.
 const FARTHEST: f32 = 64.0;
@@ -69,21 +76,26 @@ impl Proposals {
 /// `[views, proposals, height / stride, width / stride]` and leans `[views, height, width]`, above zero to the nearer:
 /// a lean of one adds a proposal's difference, softly in (-1, 1), to its score.
 pub fn forward(scores: &[f32], leans: &[f32], proposals: &Proposals) -> Vec<f32> {
-    let (width, pixels) = (proposals.width, proposals.width * proposals.height);
+    let (arch, width, pixels) = (Arch::new(), proposals.width, proposals.width * proposals.height);
     let mut planes = vec![0.0; 3 * pixels * proposals.num_views()];
     for (view, planes) in planes.chunks_exact_mut(3 * pixels).enumerate() {
         let (w, slopes) = planes.split_at_mut(pixels);
         let (w_x, w_y) = slopes.split_at_mut(pixels);
         let rows = w.par_chunks_mut(width).zip(w_x.par_chunks_mut(width)).zip(w_y.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((w, w_x), w_y))| {
-            let mut pixel = Pixel::new(proposals.offsets.len());
-            for x in 0..width {
-                pixel.choose(scores, leans, proposals, view, x, y);
-                let mut sum = [0.0f32; 3];
-                for (share, plane) in pixel.shares.iter().zip(&pixel.planes) {
-                    sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum += share * value);
+            let mut group = Group::new(proposals.offsets.len());
+            for first in (0..width).step_by(LANES) {
+                let sums = arch.dispatch(
+                    #[inline(always)]
+                    || {
+                        group.choose(scores, leans, proposals, view, first, y);
+                        group.means()
+                    },
+                );
+                for (values, sum) in [&mut *w, &mut *w_x, &mut *w_y].into_iter().zip(sums) {
+                    let values = &mut values[first..width.min(first + LANES)];
+                    values.copy_from_slice(&sum[..values.len()]);
                 }
-                [w[x], w_x[x], w_y[x]] = sum;
             }
         });
     }
@@ -92,7 +104,7 @@ pub fn forward(scores: &[f32], leans: &[f32], proposals: &Proposals) -> Vec<f32>
 
 /// Gradients of the scores and of the leans from that of the planes; same layouts as [`forward`].
 pub fn backward(scores: &[f32], leans: &[f32], proposals: &Proposals, grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
-    let (width, stride) = (proposals.width, proposals.stride);
+    let (arch, width, stride) = (Arch::new(), proposals.width, proposals.stride);
     let (pixels, count) = (width * proposals.height, proposals.offsets.len());
     let (columns, rows) = proposals.weight_size();
     let mut leans_grad = vec![0.0f32; leans.len()];
@@ -102,18 +114,28 @@ pub fn backward(scores: &[f32], leans: &[f32], proposals: &Proposals, grad: &[f3
     tasks.enumerate().for_each(|(row, (of_scores, of_leans))| {
         let (view, first_y) = (row / rows, row % rows * stride);
         let grad = &grad[view * 3 * pixels..][..3 * pixels];
-        let mut pixel = Pixel::new(count);
-        for (i, of_lean) in of_leans.iter_mut().enumerate() {
-            let (x, y) = (i % width, first_y + i / width);
-            pixel.choose(scores, leans, proposals, view, x, y);
-            let at = y * width + x;
-            let g = [grad[at], grad[pixels + at], grad[2 * pixels + at]];
-            let gain = |plane: &[f32; 3]| g[0] * plane[0] + g[1] * plane[1] + g[2] * plane[2];
-            let mean: f32 = pixel.shares.iter().zip(&pixel.planes).map(|(share, plane)| share * gain(plane)).sum();
-            for (k, (share, plane)) in pixel.shares.iter().zip(&pixel.planes).enumerate() {
-                let of_weight = share * (gain(plane) - mean);
-                of_scores[k * columns + x / stride] += of_weight;
-                *of_lean += of_weight * soft(plane[0]);
+        let mut group = Group::new(count);
+        for (y, of_leans) in (first_y..).zip(of_leans.chunks_exact_mut(width)) {
+            for first in (0..width).step_by(LANES) {
+                let of_leans = &mut of_leans[first..width.min(first + LANES)];
+                // Lanes past the border get no gradient.
+                let mut g = [[0.0; LANES]; 3];
+                for (map, g) in g.iter_mut().enumerate() {
+                    g[..of_leans.len()].copy_from_slice(&grad[map * pixels + y * width + first..][..of_leans.len()]);
+                }
+                let lean = arch.dispatch(
+                    #[inline(always)]
+                    || {
+                        group.choose(scores, leans, proposals, view, first, y);
+                        group.gradients(&g)
+                    },
+                );
+                for (k, of_weights) in group.weights.iter().enumerate() {
+                    for (lane, of_weight) in of_weights[..of_leans.len()].iter().enumerate() {
+                        of_scores[k * columns + (first + lane) / stride] += of_weight;
+                    }
+                }
+                of_leans.copy_from_slice(&lean[..of_leans.len()]);
             }
         }
     });
@@ -127,46 +149,119 @@ pub fn backward(scores: &[f32], leans: &[f32], proposals: &Proposals, grad: &[f3
     (scores_grad, leans_grad)
 }
 
-/// What is proposed to one pixel, and how it chooses.
-struct Pixel {
-    planes: Vec<[f32; 3]>,
-    /// Inverse depths of the planes, their weights, and the weight of the surface around each.
-    depths: Vec<f32>,
-    weights: Vec<f32>,
-    masses: Vec<f32>,
-    /// Weights within the surface chosen, which sum to one; 0 outside.
-    shares: Vec<f32>,
+/// What is proposed to [`LANES`] neighbours in a row, and how each chooses; by proposal.
+struct Group {
+    /// Inverse depth relative to the pixel's own, and slopes.
+    planes: Vec<[Lanes; 3]>,
+    /// Weights, later shares within the surface chosen, which sum to one; 0 outside. After [`Self::gradients`], theirs.
+    weights: Vec<Lanes>,
 }
 
-impl Pixel {
+impl Group {
     fn new(count: usize) -> Self {
-        let zeros = || vec![0.0; count];
-        Self { planes: vec![[0.0; 3]; count], depths: zeros(), weights: zeros(), masses: zeros(), shares: zeros() }
+        Self { planes: vec![[[0.0; LANES]; 3]; count], weights: vec![[0.0; LANES]; count] }
     }
 
-    /// The surface with the most weight; of equal ones, that around the first.
-    fn choose(&mut self, scores: &[f32], leans: &[f32], proposals: &Proposals, view: usize, x: usize, y: usize) {
-        let ((columns, rows), count) = (proposals.weight_size(), self.planes.len());
-        let lean = leans[(view * proposals.height + y) * proposals.width + x];
-        let block = y / proposals.stride * columns + x / proposals.stride;
-        for k in 0..count {
-            self.planes[k] = proposals.at(view, x, y, k);
-            self.depths[k] = self.planes[k][0];
-            self.weights[k] = scores[(view * count + k) * rows * columns + block] + lean * soft(self.depths[k]);
+    /// Each pixel's surface with the most weight; of equal ones, that around the first. The pixels are those from `first`
+    /// on; lanes past the border repeat the last.
+    #[inline(always)]
+    fn choose(&mut self, scores: &[f32], leans: &[f32], proposals: &Proposals, view: usize, first: usize, y: usize) {
+        self.propose(scores, leans, proposals, view, first, y);
+        let mut largest = [f32::NEG_INFINITY; LANES];
+        for weights in &self.weights {
+            each(|lane| largest[lane] = largest[lane].max(weights[lane]));
         }
-        let largest = self.weights.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        self.weights.iter_mut().for_each(|weight| *weight = (*weight - largest).exp());
-        self.masses.fill(0.0);
-        for (weight, from) in self.weights.iter().zip(&self.depths) {
-            for (mass, to) in self.masses.iter_mut().zip(&self.depths) {
-                *mass += if (from - to).abs() <= REACH { *weight } else { 0.0 };
+        for weights in &mut self.weights {
+            each(|lane| weights[lane] = exp(weights[lane] - largest[lane]));
+        }
+        let (mut most, mut middle) = ([f32::NEG_INFINITY; LANES], [0.0; LANES]);
+        for [to, ..] in &self.planes {
+            let mut mass = [0.0; LANES];
+            for ([from, ..], weights) in self.planes.iter().zip(&self.weights) {
+                each(|lane| mass[lane] += if (from[lane] - to[lane]).abs() <= REACH { weights[lane] } else { 0.0 });
             }
+            each(|lane| {
+                let is_more = mass[lane] > most[lane];
+                most[lane] = if is_more { mass[lane] } else { most[lane] };
+                middle[lane] = if is_more { to[lane] } else { middle[lane] };
+            });
         }
-        let better = |best: usize, k: usize| if self.masses[k] > self.masses[best] { k } else { best };
-        let middle = (1..count).fold(0, better);
-        for k in 0..count {
-            let is_near = (self.depths[k] - self.depths[middle]).abs() <= REACH;
-            self.shares[k] = if is_near { self.weights[k] / self.masses[middle] } else { 0.0 };
+        for ([depths, ..], weights) in self.planes.iter().zip(&mut self.weights) {
+            each(|lane| {
+                let is_near = (depths[lane] - middle[lane]).abs() <= REACH;
+                weights[lane] = if is_near { weights[lane] / most[lane] } else { 0.0 };
+            });
         }
     }
+
+    /// Planes and scores of all proposals.
+    #[inline(always)]
+    fn propose(&mut self, scores: &[f32], leans: &[f32], proposals: &Proposals, view: usize, first: usize, y: usize) {
+        let Proposals { width, height, stride, ref planes, ref offsets } = *proposals;
+        let ((columns, rows), count) = (proposals.weight_size(), offsets.len());
+        let xs: [usize; LANES] = std::array::from_fn(|lane| (first + lane).min(width - 1));
+        let row = |y: usize| (view * height + y) * width;
+        let (own, leans) = (&planes[row(y)..][..width], &leans[row(y)..][..width]);
+        let own: Lanes = xs.map(|x| own[x][0]);
+        let leans: Lanes = xs.map(|x| leans[x]);
+        for (k, &[right, down]) in offsets.iter().enumerate() {
+            let ny = clamped(y, down, height);
+            let proposing = &planes[row(ny)..][..width];
+            let scores = &scores[((view * count + k) * rows + y / stride) * columns..][..columns];
+            let dy = y as f32 - ny as f32;
+            let [depths, slopes_x, slopes_y] = &mut self.planes[k];
+            let mut dx = [0.0; LANES];
+            each(|lane| {
+                let nx = clamped(xs[lane], right, width);
+                [depths[lane], slopes_x[lane], slopes_y[lane]] = proposing[nx];
+                dx[lane] = xs[lane] as f32 - nx as f32;
+                self.weights[k][lane] = scores[xs[lane] / stride];
+            });
+            each(|lane| {
+                let depth = depths[lane] + slopes_x[lane] * dx[lane] + slopes_y[lane] * dy - own[lane];
+                depths[lane] = depth.clamp(-FARTHEST, FARTHEST);
+                self.weights[k][lane] += leans[lane] * soft(depths[lane]);
+            });
+        }
+    }
+
+    /// The planes chosen.
+    #[inline(always)]
+    fn means(&self) -> [Lanes; 3] {
+        let mut sums = [[0.0; LANES]; 3];
+        for (planes, shares) in self.planes.iter().zip(&self.weights) {
+            for (sum, values) in sums.iter_mut().zip(planes) {
+                each(|lane| sum[lane] += shares[lane] * values[lane]);
+            }
+        }
+        sums
+    }
+
+    /// Puts the gradients of the scores in the place of the shares, given those of [`Self::means`]; returns those of the
+    /// leans.
+    #[inline(always)]
+    fn gradients(&mut self, of_means: &[Lanes; 3]) -> Lanes {
+        let gain = |planes: &[Lanes; 3], lane: usize| {
+            of_means[0][lane] * planes[0][lane]
+                + of_means[1][lane] * planes[1][lane]
+                + of_means[2][lane] * planes[2][lane]
+        };
+        let (mut mean, mut of_leans) = ([0.0; LANES], [0.0; LANES]);
+        for (planes, shares) in self.planes.iter().zip(&self.weights) {
+            each(|lane| mean[lane] += shares[lane] * gain(planes, lane));
+        }
+        for (planes, shares) in self.planes.iter().zip(&mut self.weights) {
+            each(|lane| {
+                shares[lane] *= gain(planes, lane) - mean[lane];
+                of_leans[lane] += shares[lane] * soft(planes[0][lane]);
+            });
+        }
+        of_leans
+    }
+}
+
+/// Calls `work` for every lane, in a loop that the compiler turns into vectors.
+#[inline(always)]
+fn each(work: impl FnMut(usize)) {
+    (0..LANES).for_each(work);
 }

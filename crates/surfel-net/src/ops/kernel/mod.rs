@@ -56,7 +56,7 @@ pub trait KernelOps: Backend {
 }
 
 /// True where our kernels are the fastest way: on burn's Flex backend, differentiated or not.
-pub(super) fn runs_on(device: &Device) -> bool {
+pub(crate) fn runs_on(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Flex(_))
 }
 
