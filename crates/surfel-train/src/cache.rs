@@ -54,6 +54,20 @@ mod tests {
     use surfel_synth::Split;
 
     #[test]
+    fn threads_that_make_the_same_sample_do_not_disturb_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = Source::open(&config(3), Split::Train, None).unwrap();
+        let cache = Cache::new(source, Some(folder.path()), "train").unwrap();
+        std::thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| (0..3).for_each(|number| drop(cache.sample(number).unwrap())));
+            }
+        });
+        let files = std::fs::read_dir(std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path());
+        assert_eq!(files.unwrap().count(), 3);
+    }
+
+    #[test]
     fn a_cached_sample_is_the_sample() {
         let config = config(3);
         let open = || Source::open(&config, Split::Train, None).unwrap();

@@ -133,7 +133,9 @@ mod tests {
     fn the_configurations_that_come_along_can_be_used() {
         let depth = TrainConfig::from_toml(include_str!("../configs/small_stage1.toml")).unwrap();
         let surfels = TrainConfig::from_toml(include_str!("../configs/small_stage2.toml")).unwrap();
-        assert!(!depth.loss.needs_surfels() && surfels.loss.needs_surfels());
+        let views = TrainConfig::from_toml(include_str!("../configs/small_views.toml")).unwrap();
+        assert!(!depth.loss.needs_surfels() && !views.loss.needs_surfels() && surfels.loss.needs_surfels());
+        assert!(views.train.iter().any(|entry| entry.source.num_views == 4));
         let misspelt = include_str!("../configs/small_stage1.toml").replace("plane_normal", "plain_normal");
         assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
     }

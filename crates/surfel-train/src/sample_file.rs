@@ -9,6 +9,7 @@ use crate::truth::{Hole, TrueDepth, ViewTruth};
 use glam::{DMat3, DVec3};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use surfel_core::{Camera, Grid, Intrinsics, Rigid};
 use surfel_net::{DepthRange, Seed};
 
@@ -82,7 +83,10 @@ pub(crate) fn write(sample: &Sample, path: &Path) -> Result<(), TrainError> {
     let tensors = tensors.into_iter().map(|(name, view)| view.map(|view| (name, view)));
     let tensors = tensors.collect::<Result<Vec<_>, _>>().map_err(|error| damaged(error.to_string()))?;
     let file = safetensors::serialize(tensors, None).map_err(|error| damaged(error.to_string()))?;
-    let beside = path.with_extension(format!("part{}", std::process::id()));
+    // Processes that share a cache, and threads, may make the same sample at the same time.
+    static WRITTEN: AtomicU64 = AtomicU64::new(0);
+    let number = WRITTEN.fetch_add(1, Ordering::Relaxed);
+    let beside = path.with_extension(format!("part{}-{number}", std::process::id()));
     std::fs::write(&beside, file).map_err(TrainError::unwritable(&beside))?;
     std::fs::rename(&beside, path).map_err(TrainError::unwritable(path))
 }
