@@ -6,7 +6,8 @@
 # PARTS is the folder of parts, OUT gets check.txt, train.log, metrics.jsonl and the run's checkpoint and weights in
 # parts of at most 15 MiB: `cat checkpoint.safetensors.* > checkpoint.safetensors` joins them. OUT/resume.* (such parts
 # of an earlier checkpoint, put there before) are gone on with. Training ends after SECONDS (default 480) or with its
-# configuration. CONFIG stands for the one packed; DEVICE (default cuda) is as in `surfelsplat train --device`; WORK is where things are unpacked.
+# configuration. CONFIG stands for the one packed; DEVICE (default cuda) is as in `surfelsplat train --device`; WORK is
+# where things are unpacked.
 #
 # Needs the driver and, for cuda, NVRTC and the headers of the CUDA runtime: CUDA_PATH, or where they usually are.
 set -euo pipefail
@@ -15,6 +16,7 @@ mkdir -p "$2"
 out=$(realpath "$2")
 seconds=${3:-480}
 device=${DEVICE:-cuda}
+config=${CONFIG:+$(realpath "$CONFIG")}
 work=${WORK:-$(mktemp -d)}
 
 (cd "$parts" && sha256sum --check --quiet SHA256SUMS)
@@ -58,7 +60,7 @@ if ls "$out"/resume.* >/dev/null 2>&1; then cat "$out"/resume.* >run/checkpoint.
 initial=()
 if [ -e initial.safetensors ]; then initial=(--initial initial.safetensors); fi
 mkdir -p samples
-timeout --signal=INT "$seconds" ./surfelsplat train "${CONFIG:-config.toml}" --device "$device" --assets assets --cache samples \
+timeout --signal=INT "$seconds" ./surfelsplat train "${config:-config.toml}" --device "$device" --assets assets --cache samples \
     -o run "${initial[@]}" 2> >(tee "$out/train.log" >&2) && code=0 || code=$?
 
 for file in checkpoint last best; do
