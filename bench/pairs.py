@@ -7,7 +7,7 @@ network scored by one ruler.
 SCENES holds the development scenes in their original formats; OUT receives the results. WEIGHTS stand for those that
 ship. One pair may go one way or the other; a scene's mean over its pairs says more. The pairs of Middlebury's `cones` and
 `teddy` have no published focal length, so one is assumed: shares and relative errors do not depend on it. Needs
-numpy and opencv-python-headless; about twenty minutes on two cores.
+numpy and opencv-python-headless; about ten minutes on two cores.
 """
 import json
 import pathlib
@@ -75,8 +75,8 @@ def score(scene, views, size, method, weights, out):
     return [mean[column] for column in COLUMNS] + [overall[surface] for surface in SURFACES]
 
 
-def table(sets, scenes, out, weights):
-    print("| scene | sets | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
+def table(kind, sets, scenes, out, weights):
+    print(f"| scene | {kind} | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
     print("|---|---:|---|---:|---:|---:|---:|---:|")
     for name, size, views in sets:
         scene = scenes / name
@@ -105,9 +105,10 @@ def table(sets, scenes, out, weights):
 def main():
     scenes, out = map(pathlib.Path, sys.argv[1:3])
     weights = sys.argv[3] if len(sys.argv) > 3 else None
-    for heading, sets in (("Many pairs of every scene", PAIRS), ("Three to five views at once", SETS)):
+    tables = ("Many pairs of every scene", "pairs", PAIRS), ("Three to five views at once", "sets", SETS)
+    for heading, kind, sets in tables:
         print(f"## {heading}\n")
-        table(sets, scenes, out, weights)
+        table(kind, sets, scenes, out, weights)
         print()
 
 

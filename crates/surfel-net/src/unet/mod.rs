@@ -7,13 +7,11 @@ pub(crate) mod attention;
 mod residual;
 
 use crate::config::UnetConfig;
-use crate::layers::{Conv2d, conv_config, conv3x3, group_norm};
+use crate::layers::{Conv2d, conv_config, conv3x3, group_norm, nearest};
 use crate::ops::{Activation, group_norm as normed};
 use attention::ViewAttention;
 use burn::module::Module;
 use burn::nn::GroupNorm;
-use burn::tensor::module::interpolate;
-use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Int, Tensor};
 use residual::ResidualBlock;
 
@@ -108,15 +106,9 @@ impl Unet {
             let skip = skips.pop().expect("two skips per level");
             x = step.forward(Tensor::cat(vec![x, skip], 1), sources);
             if let Some(grow) = self.grow.get(i / 2).filter(|_| i % 2 == 1) {
-                x = grow.forward(doubled(x));
+                x = grow.forward(nearest(x, 2));
             }
         }
         normed(&self.leave_norm, self.leave.forward(x), Activation::Silu, None)
     }
-}
-
-/// Nearest upsampling by two.
-fn doubled(x: Tensor<4>) -> Tensor<4> {
-    let [_, _, height, width] = x.dims();
-    interpolate(x, InterpolateOptions::new(InterpolateMode::Nearest).with_output_size([2 * height, 2 * width]))
 }
