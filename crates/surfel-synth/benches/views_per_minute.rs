@@ -41,8 +41,8 @@ fn assets() {
         "load, normals, occlusion, hierarchy",
         per_minute(library.meshes().len(), start)
     );
-    for (name, room_share) in [("tabletop", 0.0), ("room", 1.0)] {
-        let sampler = SceneSampler::new(&library, SynthConfig { room_share, ..SynthConfig::default() });
+    for (name, room_share, street_share) in [("tabletop", 0.0, 0.0), ("room", 1.0, 0.0), ("street", 0.0, 1.0)] {
+        let sampler = SceneSampler::new(&library, SynthConfig { room_share, street_share, ..SynthConfig::default() });
         let seeds = 0..6;
         // Once unmeasured, so that textures are loaded as in a long run.
         let draw =

@@ -61,8 +61,8 @@ fn a_seed_gives_the_same_scene_on_any_number_of_threads_and_after_any_history() 
 fn further_cameras_stand_at_their_places_and_change_no_other_view() {
     let Some(folder) = folder() else { return };
     let library = AssetLibrary::open(&folder, Split::Val).unwrap();
-    for room_share in [0.0, 1.0] {
-        let config = SynthConfig { room_share, ..small() };
+    for (room_share, street_share) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)] {
+        let config = SynthConfig { room_share, street_share, ..small() };
         let further = SynthConfig { further_places: vec![0.25, 1.5], ..config.clone() };
         let [without, with] = [config, further].map(|config| SceneSampler::new(&library, config).scene(7).unwrap());
         assert_eq!((without.num_views(), with.num_views()), (2, 4));
@@ -78,8 +78,9 @@ fn further_cameras_stand_at_their_places_and_change_no_other_view() {
 fn views_agree_with_each_other_and_with_their_masks() {
     let Some(folder) = folder() else { return };
     let library = AssetLibrary::open(&folder, Split::Val).unwrap();
-    for (room_share, seeds) in [(0.0, 0..6), (1.0, 6..8)] {
-        let config = SynthConfig { room_share, exposure_stops: 0.1, pair_angle_deg: [6.0, 12.0], ..small() };
+    for (room_share, street_share, seeds) in [(0.0, 0.0, 0..6), (1.0, 0.0, 6..8), (0.0, 1.0, 8..11)] {
+        let config =
+            SynthConfig { room_share, street_share, exposure_stops: 0.1, pair_angle_deg: [6.0, 12.0], ..small() };
         let sampler = SceneSampler::new(&library, config);
         for seed in seeds {
             let scene = sampler.scene(seed).unwrap();
@@ -98,6 +99,31 @@ fn views_agree_with_each_other_and_with_their_masks() {
             assert!(on_objects > 100, "seed {seed} shows no object");
         }
     }
+}
+
+#[test]
+fn streets_change_no_other_scene_and_show_buildings_before_the_sky() {
+    let Some(folder) = folder() else { return };
+    let library = AssetLibrary::open(&folder, Split::Val).unwrap();
+    let scene = |street_share: f64, seed: u64| {
+        let config = SynthConfig { room_share: 0.0, street_share, ..small() };
+        SceneSampler::new(&library, config).scene(seed).unwrap()
+    };
+    // Whatever the share, a scene is the tabletop it was without streets, or the street it is among streets only.
+    for seed in 0..6 {
+        let [none, some, all] = [0.0, 0.5, 1.0].map(|share| scene(share, seed).render(0));
+        assert!(!same(&none, &all) && (same(&some, &none) || same(&some, &all)), "seed {seed}");
+    }
+    let (mut sky, mut walls) = (0, 0);
+    for seed in 0..4 {
+        let view = scene(1.0, seed).render(0);
+        sky += view.object.as_slice().iter().filter(|&&object| object == NOTHING).count();
+        walls += view.object_mask().as_slice().iter().filter(|&&on| on).count();
+        let farthest = view.depth.as_slice().iter().copied().fold(0.0, f32::max);
+        assert!((4e3..2e5).contains(&farthest), "seed {seed}: {farthest} mm");
+    }
+    let pixels = 4 * small().width * small().height;
+    assert!(sky > pixels / 50 && walls > pixels / 5, "{sky} and {walls} of {pixels}");
 }
 
 #[test]

@@ -66,6 +66,27 @@ pub struct SurfacePoint {
     pub albedo: Vec3,
 }
 
+/// What decides where the mesh frame lies in the frame of the points.
+pub(super) struct Enclosure {
+    /// Middle of the bounding box.
+    pub middle: Vec3,
+    /// Distance of the farthest point from it.
+    pub radius: f32,
+    /// Largest edge of the bounding box.
+    pub extent: f32,
+}
+
+impl Enclosure {
+    /// Of some points; `None` of none.
+    pub fn of(points: impl Iterator<Item = Vec3> + Clone) -> Option<Self> {
+        let first = points.clone().next()?;
+        let (low, high) = points.clone().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+        let middle = 0.5 * (low + high);
+        let radius = points.map(|p| (p - middle).length()).fold(0.0, f32::max);
+        Some(Self { middle, radius, extent: (high - low).max_element() })
+    }
+}
+
 /// Slack of the barycentric test, so that no ray slips through a shared edge.
 const EDGE_SLACK: f32 = 1e-6;
 
@@ -74,10 +95,7 @@ impl TexturedMesh {
     pub fn new(glb: &Glb<'_>, images: &[Arc<Texels>], up_is_y: bool) -> Option<Self> {
         let upright = |[x, y, z]: [f32; 3]| if up_is_y { Vec3::new(x, -z, y) } else { Vec3::new(x, y, z) };
         let all = || glb.primitives.iter().flat_map(|p| &p.positions).map(|&p| upright(p));
-        let first = all().next()?;
-        let (low, high) = all().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
-        let middle = 0.5 * (low + high);
-        let radius = all().map(|p| (p - middle).length()).fold(0.0, f32::max);
+        let Enclosure { middle, radius, extent } = Enclosure::of(all())?;
         let normalised = |p: [f32; 3]| (upright(p) - middle) / radius.max(f32::MIN_POSITIVE);
 
         let (mut triangles, mut corners, mut vertices, mut materials) = (vec![], vec![], vec![], vec![]);
@@ -109,7 +127,6 @@ impl TexturedMesh {
         let triangles: Vec<_> = bvh.primitive_indices.iter().map(|i| triangles[order(i)]).collect();
         let corners: Vec<_> = bvh.primitive_indices.iter().map(|i| corners[order(i)]).collect();
         let is_textured = materials.iter().any(|m| m.image.is_some());
-        let extent = (high - low).max_element();
         let mut mesh = Self { triangles, corners, materials, bvh, vertices, is_textured, extent };
         mesh.smooth_normals();
         mesh.measure_openness();

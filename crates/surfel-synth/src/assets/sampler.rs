@@ -12,7 +12,7 @@ use super::panel::Panel;
 use super::photograph::photograph;
 use super::sensor::Sensor;
 use super::stage::Stage;
-use super::{openness, room, tabletop};
+use super::{openness, room, street, tabletop};
 use crate::random::Random;
 use crate::render::{RenderedView, pixel_ray};
 use glam::{DVec2, Vec3};
@@ -29,15 +29,17 @@ pub struct SynthConfig {
     pub num_views: usize,
     /// Further cameras after those, by their place on the path: 0.5 is halfway from the first to the second.
     pub further_places: Vec<f64>,
-    /// Share of furnished rooms among the scenes; the rest are tabletops.
+    /// Share of furnished rooms among the scenes.
     pub room_share: f64,
+    /// Share of buildings under an open sky among those that are no rooms; the rest are tabletops.
+    pub street_share: f64,
     /// Fewest and most objects on a table.
     pub num_objects: [usize; 2],
     /// Distance of the cameras from the objects' middle, millimetres (tabletops).
     pub object_distance: f64,
     /// That distance in radii of the objects together, least and most.
     pub distance_in_radii: [f64; 2],
-    /// Angle between neighbouring cameras, degrees, least and most (tabletops).
+    /// Angle between neighbouring cameras, degrees, least and most (tabletops and streets).
     pub pair_angle_deg: [f64; 2],
     /// Focal length over image width (tabletops).
     pub focal_per_width: f64,
@@ -61,6 +63,7 @@ impl Default for SynthConfig {
             num_views: 2,
             further_places: Vec::new(),
             room_share: 0.25,
+            street_share: 0.0,
             num_objects: [1, 6],
             object_distance: 650.0,
             distance_in_radii: [2.5, 3.0],
@@ -94,6 +97,8 @@ impl SynthConfig {
 
 /// Names the stream of chance that sharpening is drawn from; streams of sensors are numbered from 1.
 const SHARPENING_STREAM: u64 = u64::MAX;
+/// Names the stream of chance that decides whether a scene is a street.
+const STREET_STREAM: u64 = u64::MAX - 1;
 
 /// What a kind of scene decides before light is measured.
 pub(super) struct Draft {
@@ -134,7 +139,13 @@ impl<'a> SceneSampler<'a> {
     pub fn scene(&self, seed: u64) -> Result<SynthScene, AssetError> {
         let mut random = Random::new(seed);
         let is_room = random.chance(self.config.room_share);
-        let draw = if is_room { room::draft } else { tabletop::draft };
+        // A stream of its own, so that without streets scenes are what they were.
+        let is_street = !is_room && Random::fork(seed, STREET_STREAM).chance(self.config.street_share);
+        let draw = match (is_room, is_street) {
+            (true, _) => room::draft,
+            (false, true) => street::draft,
+            (false, false) => tabletop::draft,
+        };
         let Draft { instances, panels, lamps, backdrop, cameras, radius } =
             draw(self.library, &self.config, &mut random)?;
         let environment = self.library.environment(random.below(self.library.num_environments()))?;

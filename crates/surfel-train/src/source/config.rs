@@ -51,6 +51,9 @@ pub enum Scenes {
 pub struct Scans {
     /// Share of rooms among the scenes.
     pub room_share: f64,
+    /// Share of buildings under an open sky among those that are no rooms.
+    #[serde(default)]
+    pub street_share: f64,
     /// Angle between neighbouring cameras, degrees, least and most.
     #[serde(default = "usual_angles")]
     pub pair_angle_deg: [f64; 2],
@@ -172,11 +175,13 @@ impl Scenes {
     /// What tells these scenes from others of their kind, as part of the name of a folder.
     fn name(&self) -> String {
         match self {
-            Self::Scans(Scans { room_share, pair_angle_deg: [least, most], defects, sharpening }) => {
-                let [rooms, defects] = [room_share, defects].map(|share| (100.0 * share).round());
+            Self::Scans(Scans { room_share, street_share, pair_angle_deg: [least, most], defects, sharpening }) => {
+                let [rooms, streets, defects] =
+                    [room_share, street_share, defects].map(|share| (100.0 * share).round());
+                let streets = if streets > 0.0 { format!("-{streets}streets") } else { String::new() };
                 let [dull, sharp] = sharpening.map(|amount| (100.0 * amount).round());
                 let sharpening = if sharp > 0.0 { format!("-{dull}to{sharp}sharp") } else { String::new() };
-                format!("-{rooms}rooms-{least}to{most}deg-{defects}defects{sharpening}")
+                format!("-{rooms}rooms{streets}-{least}to{most}deg-{defects}defects{sharpening}")
             }
             Self::Analytic(_) => String::new(),
             Self::Re10k(clips) | Self::Acid(clips) => {

@@ -36,6 +36,7 @@ pub(super) fn scans(
         num_views: config.num_views,
         further_places: target_places(config, seed),
         room_share: scans.room_share,
+        street_share: scans.street_share,
         pair_angle_deg: scans.pair_angle_deg,
         exposure_stops: scans.defects * usual.exposure_stops,
         noise: scans.defects * usual.noise,

@@ -23,6 +23,8 @@ pub enum World {
     Tabletop,
     /// A furnished room, a camera that walks.
     Room,
+    /// Buildings under an open sky, a camera that walks past.
+    Street,
     /// Three tabletops for each room.
     Mixed,
 }
@@ -68,6 +70,16 @@ pub struct Seeds(pub Vec<u64>);
 const ANALYTIC_NOISE: f32 = 0.01;
 
 impl SceneArgs {
+    /// How many times wider than on a tabletop a pixel is on what these scenes show: the factor of every length that is
+    /// not given on the command line.
+    pub fn magnification(&self) -> f64 {
+        match self.world {
+            World::Tabletop | World::Mixed => 1.0,
+            World::Room => 10.0,
+            World::Street => 40.0,
+        }
+    }
+
     /// Opens the source of these scenes at a picture size.
     pub fn source(&self, (width, height): (usize, usize)) -> Result<SceneSource> {
         let Some(folder) = &self.assets else {
@@ -81,17 +93,16 @@ impl SceneArgs {
             SplitName::Train => Split::Train,
             SplitName::Val => Split::Val,
         };
-        let room_share = match self.world {
-            World::Tabletop => 0.0,
-            World::Room => 1.0,
-            World::Mixed => SynthConfig::default().room_share,
+        let usual = SynthConfig::default();
+        let (room_share, street_share) = match self.world {
+            World::Tabletop => (0.0, 0.0),
+            World::Room => (1.0, 0.0),
+            World::Street => (0.0, 1.0),
+            World::Mixed => (usual.room_share, usual.street_share),
         };
-        let config = if self.defects {
-            SynthConfig { width, height, ..SynthConfig::default() }
-        } else {
-            SynthConfig::clean_pair(width, height)
-        };
-        let config = SynthConfig { room_share, num_views: self.views_per_scene, ..config };
+        let config =
+            if self.defects { SynthConfig { width, height, ..usual } } else { SynthConfig::clean_pair(width, height) };
+        let config = SynthConfig { room_share, street_share, num_views: self.views_per_scene, ..config };
         Ok(SceneSource::Scanned { library: Box::new(AssetLibrary::open(folder, split)?), split, config })
     }
 

@@ -36,10 +36,20 @@ pub struct SynthSettings {
     pub options: Options,
 }
 
+/// Mean distance of the exact points on a DTU-like tabletop, millimetres.
+pub const SPACING: f64 = 0.5;
+
 impl SynthSettings {
     /// The settings of DTU, as far as they carry over: 20 mm cap; 1 mm threshold; points 0.5 mm apart.
     pub fn new(seeds: Vec<u64>, methods: Vec<Method>) -> Self {
-        Self { seeds, methods, cap: 20.0, threshold: 1.0, spacing: 0.5, options: Options::default() }
+        Self { seeds, methods, cap: 20.0, threshold: 1.0, spacing: SPACING, options: Options::default() }
+    }
+
+    /// The same for scenes that are `factor` times as large.
+    #[must_use]
+    pub fn magnified(self, factor: f64) -> Self {
+        let Self { cap, threshold, spacing, .. } = self;
+        Self { cap: factor * cap, threshold: factor * threshold, spacing: factor * spacing, ..self }
     }
 }
 
