@@ -17,9 +17,13 @@ fn four_panels_in_a_row_over_their_captions() {
     let depth = Grid::from_fn(width, height, |x, y| if y < 40 { 2.0 + x as f32 / 10.0 } else { 0.0 });
     let normal = Grid::from_fn(width, height, |_, y| if y < 40 { [0.0, 0.0, -1.0] } else { [0.0; 3] });
     let mesh = Grid::filled(width, height, [0.9, 0.1, 0.1]);
-    let row = PreviewRow { photo: &photo, depth: &depth, normal: &normal, last: &mesh, captions: CAPTIONS };
+    let row =
+        PreviewRow { photo: &photo, depth: &depth, believed: &depth, normal: &normal, last: &mesh, captions: CAPTIONS };
+    // A far wall that nobody believes in leaves the colours alone.
+    let wall = Grid::from_fn(width, height, |x, y| if y < 40 { 2.0 + x as f32 / 10.0 } else { 500.0 });
+    let doubted = PreviewRow { depth: &wall, ..row };
     let mut bytes = Vec::new();
-    write_preview(&mut bytes, &[row, row]).unwrap();
+    write_preview(&mut bytes, &[row, doubted]).unwrap();
     let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
 
     // Panels are 440 x 320 with margins of 28 and gutters of 14.
@@ -30,6 +34,9 @@ fn four_panels_in_a_row_over_their_captions() {
     let (near, far, none) = (at(1, 20, 80), at(1, 420, 80), at(1, 220, 240));
     assert!(near[0] > near[2] && far[2] > far[0], "near {near:?}, far {far:?}");
     assert!(none.iter().all(|&channel| channel < 60));
+    let below = 320 + 40;
+    assert_eq!([at(1, 20, below + 80), at(1, 420, below + 80)], [near, far]);
+    assert!(distance(at(1, 220, below + 240), at(1, 434, 80)) < 30, "the wall is as far as colours go");
     assert!(distance(at(2, 220, 80), [128, 128, 255]) <= 1 && at(2, 220, 240) == none);
     // Corners are round, the margin is paper, and there is writing under every panel.
     for panel in 0..4 {
@@ -43,7 +50,14 @@ fn four_panels_in_a_row_over_their_captions() {
 #[test]
 fn a_view_without_any_depth_still_has_a_preview() {
     let (colour, depth) = (Grid::filled(3, 200, [0.5; 3]), Grid::filled(3, 200, 0.0));
-    let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, last: &colour, captions: CAPTIONS };
+    let row = PreviewRow {
+        photo: &colour,
+        depth: &depth,
+        believed: &depth,
+        normal: &colour,
+        last: &colour,
+        captions: CAPTIONS,
+    };
     let mut bytes = Vec::new();
     write_preview(&mut bytes, &[row]).unwrap();
     assert_eq!(image::load_from_memory(&bytes).unwrap().height(), 28 + 440 + 40 + 14);

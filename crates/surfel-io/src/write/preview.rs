@@ -1,8 +1,8 @@
 //! `preview.png`: one row per view - photo, depth, normals, mesh - the first thing people look at. Training shows
 //! its samples in the same form.
 //!
-//! Depth is coloured by inverse depth over its 2-98 % range, so that one stray pixel cannot wash it out.
-//! Invariant: every panel of a row has the same size and shows the same pixels.
+//! Depth is coloured by inverse depth over the 2-98 % range of what is believed of all rows, so that stray pixels cannot
+//! wash it out and one colour is one depth. Invariant: every panel of a row has the same size and shows the same pixels.
 
 use super::caption;
 use super::colour_map::turbo;
@@ -21,6 +21,8 @@ pub struct PreviewRow<'a> {
     pub photo: &'a Grid<[f32; 3]>,
     /// z-depth, scene units; 0 = none.
     pub depth: &'a Grid<f32>,
+    /// Depths that decide which ones the colours tell apart; 0 = not this one. Of `depth`'s size or any other.
+    pub believed: &'a Grid<f32>,
     /// Unit normals, camera frame, OpenCV axes; the zero vector = none.
     pub normal: &'a Grid<[f32; 3]>,
     /// The shaded mesh seen from the same camera, or another picture, sRGB in \[0, 1\].
@@ -60,8 +62,9 @@ pub fn write_preview(out: &mut impl Write, rows: &[PreviewRow]) -> io::Result<()
     let height = MARGIN + sizes.iter().map(|size| size.1 + CAPTION).sum::<usize>() + MARGIN / 2;
     let mut picture = Picture::new(width, height, PAPER);
     let mut top = MARGIN;
+    let believed = inverse_range(rows.iter().map(|row| row.believed));
+    let range = believed.or_else(|| inverse_range(rows.iter().map(|row| row.depth)));
     for (row, &(panel_width, panel_height)) in rows.iter().zip(&sizes) {
-        let range = inverse_range(row.depth);
         let panels = [row.photo.clone(), depth_colours(row.depth, range), normal_colours(row.normal), row.last.clone()];
         for (column, (panel, name)) in panels.iter().zip(row.captions).enumerate() {
             let left = MARGIN + column * (widest + GUTTER);
@@ -78,7 +81,7 @@ pub fn write_preview(out: &mut impl Write, rows: &[PreviewRow]) -> io::Result<()
 }
 
 fn panel_size(row: &PreviewRow) -> io::Result<(usize, usize)> {
-    let PreviewRow { photo, depth, normal, last, captions: _ } = row;
+    let PreviewRow { photo, depth, normal, last, .. } = row;
     if photo.is_empty() || !(photo.same_size(depth) && photo.same_size(normal) && photo.same_size(last)) {
         return Err(unfit("the panels of a preview row are empty or differ in size"));
     }
@@ -88,8 +91,8 @@ fn panel_size(row: &PreviewRow) -> io::Result<(usize, usize)> {
 }
 
 /// 2 % and 98 % quantile of the inverse of valid depths, per scene unit.
-fn inverse_range(depth: &Grid<f32>) -> Option<(f32, f32)> {
-    let valid = depth.as_slice().iter().filter(|z| z.is_finite() && **z > 0.0);
+fn inverse_range<'a>(depths: impl Iterator<Item = &'a Grid<f32>>) -> Option<(f32, f32)> {
+    let valid = depths.flat_map(Grid::as_slice).filter(|z| z.is_finite() && **z > 0.0);
     let mut inverse: Vec<f32> = valid.map(|z| 1.0 / z).collect();
     inverse.sort_unstable_by(f32::total_cmp);
     let last = inverse.len().checked_sub(1)?;
@@ -146,8 +149,9 @@ mod tests {
         depth[(0, 0)] = 1e-6;
         depth[(1, 0)] = 0.0;
         depth[(2, 0)] = f32::NAN;
-        let (low, high) = inverse_range(&depth).unwrap();
+        let (low, high) = inverse_range([&depth].into_iter()).unwrap();
         assert!((1.0 / low - 8.9).abs() < 0.1 && (1.0 / high - 4.1).abs() < 0.1);
+        assert!(inverse_range([].into_iter()).is_none());
     }
 
     #[test]
@@ -160,7 +164,14 @@ mod tests {
     #[test]
     fn rows_of_mixed_sizes_are_refused() {
         let (colour, depth) = (Grid::filled(4, 3, [0.5; 3]), Grid::filled(4, 4, 1.0));
-        let row = PreviewRow { photo: &colour, depth: &depth, normal: &colour, last: &colour, captions: CAPTIONS };
+        let row = PreviewRow {
+            photo: &colour,
+            depth: &depth,
+            believed: &depth,
+            normal: &colour,
+            last: &colour,
+            captions: CAPTIONS,
+        };
         assert!(write_preview(&mut Vec::new(), &[row]).is_err());
         assert!(write_preview(&mut Vec::new(), &[]).is_err());
     }

@@ -38,9 +38,10 @@ pub(super) struct Lesson {
     pub device: Device,
 }
 
-/// A sample, the run's `number`th, and the weights of its step.
+/// A sample, the run's `number`th, with its step and the weights of that.
 struct Task {
     number: u64,
+    step: u64,
     weights: Arc<Named>,
     sample: Sample,
 }
@@ -88,7 +89,8 @@ impl Lanes {
     ) -> Result<Vec<Learned>, TrainError> {
         let batch = samples.len();
         for (i, sample) in samples.into_iter().enumerate() {
-            let task = Task { number: step * batch as u64 + i as u64, weights: weights.clone(), sample };
+            let number = step * batch as u64 + i as u64;
+            let task = Task { number, step, weights: weights.clone(), sample };
             self.lane(i).0.send(task).expect(LIVES);
         }
         let answers = (0..batch).map(|i| self.lane(i).1.recv().expect(LIVES));
@@ -97,10 +99,10 @@ impl Lanes {
 }
 
 impl Lesson {
-    fn learned(&self, net: &SurfelNet, Task { number, weights, sample }: Task) -> Answer {
-        let step = number / self.config.batch as u64;
-        let net = parameters::assign(net.clone(), &weights);
-        let terms = self.terms(&net, number, &sample)?;
+    fn learned(&self, net: &SurfelNet, task: Task) -> Answer {
+        let step = task.step;
+        let net = parameters::assign(net.clone(), &task.weights);
+        let terms = self.terms(&net, &task)?;
         let Some(total) = terms.total() else { return Ok(None) };
         let loss = f64::from(total.clone().into_scalar::<f32>());
         if !loss.is_finite() {
@@ -111,15 +113,15 @@ impl Lesson {
     }
 
     /// What is wrong with the network's answer; surfels are made only when a term looks at them.
-    fn terms(&self, net: &SurfelNet, number: u64, sample: &Sample) -> Result<Terms, TrainError> {
+    fn terms(&self, net: &SurfelNet, Task { number, step, sample, .. }: &Task) -> Result<Terms, TrainError> {
         let Self { config, perceptual, device } = self;
-        let (input, weights) = (sample.input(net.config()), &config.loss.at(number / config.batch as u64));
+        let (input, weights) = (sample.input(net.config()), &config.loss.at(*step));
         if weights.needs_surfels() {
             let prediction = net.forward(&input, device)?;
             return loss::terms((&prediction).into(), sample, weights, perceptual, device);
         }
         // Up to the pass that this sample teaches.
-        let taught = net.clone().with_passes(pass(net.config().passes(), config.seed, number));
+        let taught = net.clone().with_passes(pass(net.config().passes(), config.seed, *number));
         let maps = taught.forward_maps(&input, device)?;
         loss::terms(Said { maps: &maps, surfels: None }, sample, weights, perceptual, device)
     }

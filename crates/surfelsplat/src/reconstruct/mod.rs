@@ -77,6 +77,8 @@ pub struct Walked {
     first_scales: Option<FirstScales>,
     /// What the surfels show to each view, working frame.
     pub maps: Vec<ViewMaps>,
+    /// What of their depth the mesh is made of, working frame.
+    meshed: Vec<Grid<f32>>,
     /// The surface, working frame.
     pub mesh: TriMesh,
     mesh_report: MeshReport,
@@ -105,11 +107,14 @@ impl Walked {
         let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
         let steps: Vec<f32> = estimates.iter().map(|estimate| estimate.step).collect();
         let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges, &steps))?;
-        let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&maps, &estimates, options))?;
+        let sure = options.depth.least_confidence();
+        let solid = |(maps, estimate): (&ViewMaps, &DepthEstimate)| solid_depth(maps, &estimate.confidence, sure);
+        let meshed: Vec<Grid<f32>> = maps.iter().zip(&estimates).map(solid).collect();
+        let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&meshed, options))?;
         if mesh.triangles.is_empty() {
             log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
         }
-        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, mesh, mesh_report })
+        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, meshed, mesh, mesh_report })
     }
 
     /// Scales of the surfels as first placed and as adapted to the sampling rate, working units, in the order of
@@ -135,6 +140,7 @@ impl Walked {
             images: &images,
             ranges: &scene_ranges,
             maps: &self.maps,
+            meshed: &self.meshed,
             confidence: self.estimates.iter().map(|e| &e.confidence).collect(),
             surfels: &self.surfels,
             mesh: &self.mesh,
@@ -190,20 +196,12 @@ impl Road {
         }
     }
 
-    fn mesh(
-        &self,
-        maps: &[ViewMaps],
-        estimates: &[DepthEstimate],
-        options: &Options,
-    ) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
-        let sure = options.depth.least_confidence();
-        let depths: Vec<Grid<f32>> =
-            maps.iter().zip(estimates).map(|(maps, estimate)| solid_depth(maps, &estimate.confidence, sure)).collect();
+    fn mesh(&self, depths: &[Grid<f32>], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
         let choice = MeshChoice {
             voxel: options.voxel.map(|voxel| voxel * self.working_from_scene.scale),
             keep_components: options.keep_components,
         };
-        mesh_from_depth(&self.views, &depths, choice)
+        mesh_from_depth(&self.views, depths, choice)
     }
 }
 

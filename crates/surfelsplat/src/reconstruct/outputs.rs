@@ -28,6 +28,8 @@ pub struct Outputs<'a> {
     pub ranges: &'a [(f64, f64)],
     /// Rendered maps per view.
     pub maps: &'a [ViewMaps],
+    /// The depth of each view that the mesh was made of.
+    pub meshed: &'a [Grid<f32>],
     /// Confidence per view.
     pub confidence: Vec<&'a Grid<f32>>,
     /// The surfels.
@@ -80,12 +82,14 @@ impl Outputs<'_> {
     fn write_preview(&self, staged: &StagedDir, name: String) -> Result<(), WriteError> {
         let unit = self.scene_from_working.scale as f32;
         let depths: Vec<Grid<f32>> = self.maps.iter().map(|maps| maps.depth.map(|z| z * unit)).collect();
+        let believed: Vec<Grid<f32>> = self.meshed.iter().map(|depth| depth.map(|z| z * unit)).collect();
         let meshes: Vec<Grid<[f32; 3]>> =
             self.views.iter().map(|view| render_mesh(self.mesh, &view.camera).colour).collect();
         let rows: Vec<PreviewRow> = (0..self.views.len())
             .map(|v| PreviewRow {
                 photo: &self.views[v].image,
                 depth: &depths[v],
+                believed: &believed[v],
                 normal: &self.maps[v].normal,
                 last: &meshes[v],
                 captions: CAPTIONS,
