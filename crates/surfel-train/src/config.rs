@@ -128,14 +128,18 @@ impl TrainConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::Scenes;
 
     #[test]
     fn the_configurations_that_come_along_can_be_used() {
         let depth = TrainConfig::from_toml(include_str!("../configs/small_stage1.toml")).unwrap();
         let surfels = TrainConfig::from_toml(include_str!("../configs/small_stage2.toml")).unwrap();
         let views = TrainConfig::from_toml(include_str!("../configs/small_views.toml")).unwrap();
-        assert!(!depth.loss.needs_surfels() && !views.loss.needs_surfels() && surfels.loss.needs_surfels());
-        assert!(views.train.iter().any(|entry| entry.source.num_views == 4));
+        let streets = TrainConfig::from_toml(include_str!("../configs/small_streets.toml")).unwrap();
+        assert!([&depth, &views, &streets].iter().all(|config| !config.loss.needs_surfels()));
+        assert!(surfels.loss.needs_surfels() && views.train.iter().any(|entry| entry.source.num_views == 4));
+        let is_street = |scenes: &Scenes| matches!(scenes, Scenes::Scans(scans) if scans.street_share > 0.0);
+        assert!(streets.train.iter().any(|entry| is_street(&entry.source.scenes)));
         let misspelt = include_str!("../configs/small_stage1.toml").replace("plane_normal", "plain_normal");
         assert!(TrainConfig::from_toml(&misspelt).unwrap_err().contains("plain_normal"));
     }

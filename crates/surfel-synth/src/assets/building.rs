@@ -4,26 +4,13 @@
 //! Invariant: what is drawn is geometry; windows are holes with panes behind, not pictures of windows.
 
 use super::error::AssetError;
-use super::instance::{Instance, Paint};
+use super::instance::Instance;
 use super::library::AssetLibrary;
 use super::masonry::{Masonry, Side};
+use super::plot::Plot;
+use super::stone::{PaintBySize, glass_paint, masonry_paint};
 use crate::random::Random;
-use crate::texture::Texture;
-use glam::{DVec2, Vec2, Vec3};
-use std::path::{Path, PathBuf};
-
-/// Where a building stands, millimetres.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Plot {
-    /// Left end of the front as seen from before it, world frame.
-    pub corner: DVec2,
-    /// Direction of the front from left to right, radians from +X.
-    pub heading: f64,
-    /// Along the front.
-    pub width: f64,
-    /// Away from the front.
-    pub depth: f64,
-}
+use glam::{Vec2, Vec3};
 
 /// What all walls of a building have in common, millimetres.
 struct Style {
@@ -45,32 +32,6 @@ struct Style {
     bars: [usize; 2],
     /// Share of bays without a window.
     blank: f64,
-}
-
-/// A paint once the radius of what it is put on is known.
-pub(super) type PaintBySize = Box<dyn FnOnce(f64) -> Paint>;
-
-/// Parts of the library's materials that buildings are made of, by words in their file names.
-const MASONRY_WORDS: [&str; 9] = ["brick", "plaster", "stucco", "rock", "wall", "clay", "marble", "tile", "dirt"];
-
-impl Plot {
-    /// Directions to the right and into the building, world frame.
-    fn axes(&self) -> [DVec2; 2] {
-        let right = DVec2::from_angle(self.heading);
-        [right, right.perp()]
-    }
-
-    /// A point in the plane of the ground, by its distance along the front and into the building.
-    pub fn at(&self, along: f64, into: f64) -> DVec2 {
-        let [right, inwards] = self.axes();
-        self.corner + right * along + inwards * into
-    }
-
-    /// True when a point of the ground is at least `margin` outside.
-    pub fn is_clear_of(&self, point: DVec2, margin: f64) -> bool {
-        let [along, into] = self.axes().map(|axis| axis.dot(point - self.corner));
-        along < -margin || along > self.width + margin || into < -margin || into > self.depth + margin
-    }
 }
 
 /// Builds on a plot: walls, panes and roof.
@@ -250,44 +211,4 @@ fn cover(style: &Style, size: Vec2, roof: &mut Masonry, random: &mut Random) {
         let (half, top) = (random.range(250.0, 600.0) as f32, ridge + random.range(300.0, 1500.0) as f32);
         roof.block(&front, [u - half, u + half], [out - half, out + half], [eaves, top]);
     }
-}
-
-/// Stone, brick or plaster of the library, now and then spots of two colours; one repeat is `tile` wide.
-pub(super) fn masonry_paint(library: &AssetLibrary, tile: f64, random: &mut Random) -> Result<PaintBySize, AssetError> {
-    if random.chance(0.3) {
-        let mut colour = |low: f64, high: f64| {
-            let grey = random.range(low, high);
-            std::array::from_fn(|_| (grey * random.range(0.85, 1.15)) as f32)
-        };
-        let colours = [colour(0.25, 0.5), colour(0.5, 0.8)];
-        let seed = random.bits();
-        return Ok(Box::new(move |radius| {
-            Paint::Procedural(Texture::Noise { seed, size: tile / radius, octaves: 5, colours })
-        }));
-    }
-    let image = library.image(masonry_file(library, random))?;
-    Ok(Box::new(move |radius| Paint::Wrapped { image, repeats: (radius / tile) as f32 }))
-}
-
-/// A material that walls and pavements are made of; any when the library has none by these names.
-pub(super) fn masonry_file<'a>(library: &'a AssetLibrary, random: &mut Random) -> &'a Path {
-    let is_masonry = |file: &&PathBuf| {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-        MASONRY_WORDS.iter().any(|word| name.contains(word))
-    };
-    let files: Vec<&PathBuf> = library.materials().iter().filter(is_masonry).collect();
-    match files.len() {
-        0 => &library.materials()[random.below(library.materials().len())],
-        count => files[random.below(count)],
-    }
-}
-
-/// Dark and clouded, as rooms behind glass are.
-fn glass_paint(random: &mut Random) -> PaintBySize {
-    let mut colour = |low: f64, high: f64| {
-        let grey = random.range(low, high);
-        std::array::from_fn(|_| (grey * random.range(0.8, 1.2)) as f32)
-    };
-    let (colours, size, seed) = ([colour(0.02, 0.2), colour(0.1, 0.45)], random.range(500.0, 3000.0), random.bits());
-    Box::new(move |radius| Paint::Procedural(Texture::Noise { seed, size: size / radius, octaves: 5, colours }))
 }

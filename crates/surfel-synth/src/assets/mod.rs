@@ -1,15 +1,19 @@
 //! Endless photographs of textured scans with exact depth, normals and masks (feature `assets`).
 //!
-//! `library` reads a folder of GLB meshes, textures and light maps; `sampler` draws a scene from a seed
-//! (`tabletop`, `room` or `street`; `arrange` puts objects together, `building`, `masonry` and `foliage` build and plant); `stage` is what rays see: `instance`s of meshes,
-//! `panel`s, a `backdrop` and `light`; `photograph` and `sensor` take the picture; `surface` is the exact answer. Invariant: depth and normals are those of the triangles, whatever the picture shows.
+//! `library` reads a folder of GLB meshes, textures and light maps; `sampler` draws a scene from a seed (`tabletop`,
+//! `room` or `street`: `arrange` puts objects together, `building` on its `plot`, of `stone` and by way of `masonry`,
+//! builds, `foliage` plants); `stage` is what rays see: `instance`s of meshes, `panel`s, a `backdrop` and `light`;
+//! `photograph` and `sensor` take the picture; `surface` is the exact answer. Invariant: depth and normals are those of
+//! the triangles, whatever the picture shows.
 
 mod arrange;
 mod building;
 mod foliage;
 mod masonry;
 mod openness;
+mod plot;
 mod room;
+mod stone;
 mod street;
 mod tabletop;
 mod vertex_shading;

@@ -5,7 +5,7 @@
 
 use super::arrange::{Resting, choose_paint};
 use super::backdrop::Backdrop;
-use super::building::{self, Plot};
+use super::building;
 use super::error::AssetError;
 use super::foliage::Plant;
 use super::instance::Instance;
@@ -13,7 +13,9 @@ use super::library::AssetLibrary;
 use super::light::Lamp;
 use super::masonry::{Masonry, Side};
 use super::panel::Panel;
+use super::plot::Plot;
 use super::sampler::{Draft, SynthConfig};
+use super::stone;
 use crate::random::Random;
 use crate::rig::WalkRig;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -150,7 +152,7 @@ fn monuments(
         let paint = choose_paint(library, &resting.mesh, config.random_texture_share, random)?;
         let pedestal = if random.chance(0.5) { random.range(300.0, 1500.0) } else { 0.0 };
         let (tile, heading) = (random.range(800.0, 3000.0), random.range(0.0, TAU));
-        let stone = building::masonry_paint(library, tile, random)?;
+        let stone = stone::masonry_paint(library, tile, random)?;
         let Some(place) = free.place(resting.footprint, random) else { continue };
         if pedestal > 0.0 {
             let half = (0.8 * resting.footprint) as f32;
@@ -170,7 +172,7 @@ fn monuments(
 fn ground(library: &AssetLibrary, random: &mut Random) -> Result<Panel, AssetError> {
     let files = library.materials();
     let any = &files[random.below(files.len())];
-    let file = if random.chance(0.7) { building::masonry_file(library, random) } else { any };
+    let file = if random.chance(0.7) { stone::masonry_file(library, random) } else { any };
     let repeat = random.range(1000.0, 4000.0);
     Ok(Panel {
         centre: DVec3::ZERO,
