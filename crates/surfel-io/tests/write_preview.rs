@@ -47,18 +47,22 @@ fn four_panels_in_a_row_over_their_captions() {
     }
 }
 
+/// A row that shows `colour` in every panel but that of `depth`.
+fn plain_row<'a>(colour: &'a Grid<[f32; 3]>, depth: &'a Grid<f32>) -> PreviewRow<'a> {
+    PreviewRow { photo: colour, depth, believed: depth, normal: colour, last: colour, captions: CAPTIONS }
+}
+
 #[test]
 fn a_view_without_any_depth_still_has_a_preview() {
     let (colour, depth) = (Grid::filled(3, 200, [0.5; 3]), Grid::filled(3, 200, 0.0));
-    let row = PreviewRow {
-        photo: &colour,
-        depth: &depth,
-        believed: &depth,
-        normal: &colour,
-        last: &colour,
-        captions: CAPTIONS,
-    };
     let mut bytes = Vec::new();
-    write_preview(&mut bytes, &[row]).unwrap();
+    write_preview(&mut bytes, &[plain_row(&colour, &depth)]).unwrap();
     assert_eq!(image::load_from_memory(&bytes).unwrap().height(), 28 + 440 + 40 + 14);
+}
+
+#[test]
+fn rows_of_mixed_sizes_are_refused() {
+    let (colour, depth) = (Grid::filled(4, 3, [0.5; 3]), Grid::filled(4, 4, 1.0));
+    assert!(write_preview(&mut Vec::new(), &[plain_row(&colour, &depth)]).is_err());
+    assert!(write_preview(&mut Vec::new(), &[]).is_err());
 }
