@@ -39,9 +39,9 @@ pub(super) fn build(library: &AssetLibrary, plot: &Plot, random: &mut Random) ->
     let style = Style::draw(random);
     let (width, depth) = (plot.width as f32, plot.depth as f32);
     let (mut walls, mut panes, mut roof) = (Masonry::default(), Masonry::default(), Masonry::default());
-    let [left, right, back] = [Vec3::ZERO, Vec3::X * width, Vec3::Y * depth];
+    let [right, back] = [Vec3::X * width, Vec3::Y * depth];
     let sides = [
-        (Side { corner: left, right: Vec3::X, out: Vec3::NEG_Y }, width),
+        (Side::FRONT, width),
         (Side { corner: right, right: Vec3::Y, out: Vec3::X }, depth),
         (Side { corner: right + back, right: Vec3::NEG_X, out: Vec3::Y }, width),
         (Side { corner: back, right: Vec3::NEG_Y, out: Vec3::NEG_X }, depth),
@@ -180,7 +180,7 @@ fn window(style: &Style, side: &Side, hole: &Hole, is_door: bool, walls: &mut Ma
 /// The roof: a ridge along the front with chimneys, or a flat one with a parapet.
 fn cover(style: &Style, size: Vec2, roof: &mut Masonry, random: &mut Random) {
     let (eaves, over) = (style.height(), random.range(150.0, 600.0) as f32);
-    let front = Side { corner: Vec3::ZERO, right: Vec3::X, out: Vec3::NEG_Y };
+    let front = Side::FRONT;
     let across = [-over, size.x + over];
     if random.chance(0.3) {
         let parapet = random.range(200.0, 900.0) as f32;

@@ -7,7 +7,7 @@ use super::instance::{Instance, Paint};
 use super::masonry::{Masonry, Side};
 use crate::random::Random;
 use crate::texture::Texture;
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3};
 
 /// Leaves of the largest crown.
 const MOST_LEAVES: usize = 2500;
@@ -51,8 +51,7 @@ impl Plant {
         let mut trunk = Masonry::default();
         if self.trunk > 0.0 {
             let half = 0.06 * self.crown.x as f32;
-            let side = Side { corner: Vec3::ZERO, right: Vec3::X, out: Vec3::NEG_Y };
-            trunk.block(&side, [-half, half], [-half, half], [0.0, middle.z as f32]);
+            trunk.block(&Side::FRONT, [-half, half], [-half, half], [0.0, middle.z as f32]);
         }
         let hue = random.range(0.3, 1.0);
         let green = |level: f64| [level * hue, level, 0.4 * level].map(|v| v as f32);

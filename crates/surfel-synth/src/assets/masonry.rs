@@ -29,6 +29,9 @@ pub(super) struct Masonry {
 }
 
 impl Side {
+    /// From the origin along +X, looking towards -Y.
+    pub const FRONT: Self = Self { corner: Vec3::ZERO, right: Vec3::X, out: Vec3::NEG_Y };
+
     /// A point so far to the right, outwards and up.
     pub fn at(&self, right: f32, out: f32, up: f32) -> Vec3 {
         self.corner + self.right * right + self.out * out + Vec3::Z * up

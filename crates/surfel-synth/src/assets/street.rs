@@ -156,11 +156,10 @@ fn monuments(
         let Some(place) = free.place(resting.footprint, random) else { continue };
         if pedestal > 0.0 {
             let half = (0.8 * resting.footprint) as f32;
-            let side = Side { corner: Vec3::ZERO, right: Vec3::X, out: Vec3::NEG_Y };
             let mut masonry = Masonry::default();
-            masonry.block(&side, [-half, half], [-half, half], [0.0, pedestal as f32]);
+            masonry.block(&Side::FRONT, [-half, half], [-half, half], [0.0, pedestal as f32]);
             let plinth = 1.15 * half;
-            masonry.block(&side, [-plinth, plinth], [-plinth, plinth], [0.0, 0.2 * pedestal as f32]);
+            masonry.block(&Side::FRONT, [-plinth, plinth], [-plinth, plinth], [0.0, 0.2 * pedestal as f32]);
             instances.extend(masonry.stand(place, heading, stone));
         }
         instances.push(resting.stand(place, pedestal, 1.0, paint, random));
