@@ -8,7 +8,8 @@ use crate::config::{BackboneConfig, NetConfig};
 use crate::cost_volume::neighbours::neighbours;
 use crate::cost_volume::{DepthRange, sweep, uniform_candidates, warps};
 use crate::depth::{
-    Choice, CoarseDepth, Given, Refined, Refinement, SceneGeometry, SeededRefinement, disparity, refined_in_passes,
+    Choice, CoarseDepth, Features, Given, Refined, Refinement, SceneGeometry, SeededRefinement, disparity,
+    refined_in_passes,
 };
 use crate::features::cnn::Cnn;
 use crate::features::dino::{Dino, DinoFusion};
@@ -186,6 +187,10 @@ impl SurfelNet {
     /// [`InputError`] when views are missing, differ in size, or have an unusable camera or depth range.
     pub fn forward(&self, scene: &SceneInput, device: &Device) -> Result<Prediction, InputError> {
         let Encoded { maps, opacity, features, targets } = self.encode(scene, device)?;
+        let mut features = cropped(features.at_every_pixel(), scene);
+        if let Some(normals) = &maps.normals {
+            features = Tensor::cat(vec![features, -normals.clone(), opacity.clone()], 1);
+        }
         let base = maps
             .normals
             .clone()
@@ -232,22 +237,19 @@ impl SurfelNet {
             SceneGeometry { cameras: scene.cameras, neighbours: &others, ranges: scene.ranges, sources: &sources };
 
         let (refined, confidence) = self.depth(scene, &geometry, &index_tensor(&others, device), device);
-        let crop = |map: Tensor<4>| map.narrow(2, 0, height).narrow(3, 0, width);
+        let crop = |map: Tensor<4>| cropped(map, scene);
         let disparity = disparity(crop(refined.disparity), scene.ranges);
         let opacity = crop(refined.density);
-        let mut features = crop(refined.features);
-        let normals = refined.slopes.map(|slopes| normals_away(scene.cameras, disparity.clone(), crop(slopes), device));
-        if let Some(normals) = &normals {
-            features = Tensor::cat(vec![features, normals.clone(), opacity.clone()], 1);
-        }
+        let facing = |slopes| -normals_away(scene.cameras, disparity.clone(), crop(slopes), device);
+        let normals = refined.slopes.map(facing);
         let of_views = |map: Tensor<4>| map.reshape([scene.images.len(), height, width]);
         let maps = EncoderMaps {
             depth: of_views(disparity.recip()),
             confidence: of_views(crop(confidence)),
-            normals: normals.map(|normals| -normals),
+            normals,
             choice: refined.choice,
         };
-        Ok(Encoded { maps, opacity, features, targets })
+        Ok(Encoded { maps, opacity, features: refined.features, targets })
     }
 
     /// Features and depth at the padded size; also the confidence.
@@ -341,10 +343,15 @@ struct Encoded {
     maps: EncoderMaps,
     /// `[views, 1, height, width]`.
     opacity: Tensor<4>,
-    /// `[views, channels, height, width]`.
-    features: Tensor<4>,
+    /// At the padded size.
+    features: Features,
     /// Views whose images each view's surfels are looked for in, itself first.
     targets: Vec<Vec<usize>>,
+}
+
+/// A map of the padded size at that of the photographs.
+fn cropped(map: Tensor<4>, scene: &SceneInput) -> Tensor<4> {
+    map.narrow(2, 0, scene.images[0].height()).narrow(3, 0, scene.images[0].width())
 }
 
 /// Draws all initial weights at once; burn would do so at their first use, in an order that depends on it.

@@ -8,6 +8,7 @@ use super::seed_maps::SeedMaps;
 use crate::layers::space_to_depth;
 use crate::ops::propagate::{Proposals, soft};
 use burn::tensor::{Tensor, TensorData};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The choice at every block of `stride` x `stride` pixels of the padded photographs.
@@ -65,19 +66,17 @@ impl Choice {
     }
 
     /// A value of the step of the view, the pixel's own inverse depth and that of the proposal relative to it, steps.
-    fn of_proposals(&self, value: impl Fn(f32, f32, f32) -> f32) -> Tensor<4> {
+    fn of_proposals(&self, value: impl Fn(f32, f32, f32) -> f32 + Sync) -> Tensor<4> {
         let [views, count, rows, columns] = self.scores.dims();
-        let Proposals { width, height, ref planes, .. } = *self.proposals;
-        let mut values = Vec::with_capacity(views * count * rows * columns);
-        for (view, step) in self.step_of_view.iter().enumerate() {
-            for k in 0..count {
-                for block in 0..rows * columns {
-                    let (x, y) = self.judged_pixel(block % columns, block / columns);
-                    let own = planes[(view * height + y) * width + x][0];
-                    values.push(value(*step, own, self.proposals.at(view, x, y, k)[0]));
-                }
+        let mut values = vec![0.0; views * count * rows * columns];
+        values.par_chunks_mut(rows * columns).enumerate().for_each(|(i, values)| {
+            let (view, k) = (i / count, i % count);
+            for (block, to) in values.iter_mut().enumerate() {
+                let (x, y) = self.judged_pixel(block % columns, block / columns);
+                let own = self.proposals.own(view, x, y)[0];
+                *to = value(self.step_of_view[view], own, self.proposals.at(view, x, y, k)[0]);
             }
-        }
+        });
         Tensor::from_data(TensorData::new(values, [views, count, rows, columns]), &self.scores.device())
     }
 }

@@ -4,6 +4,7 @@
 //! no other view sees, all there is to go by. Invariant: both values lie in \[0, 1), and are 0 for the pixel itself.
 
 use crate::ops::propagate::clamped;
+use rayon::prelude::*;
 use surfel_core::Grid;
 
 /// Values known of a proposer: difference of colours, largest step of colour on the way.
@@ -27,9 +28,22 @@ impl Likeness {
         Self { means }
     }
 
+    /// Of the first pixel of every block of `stride` x `stride` and those `offsets` away; block by block.
+    pub(super) fn of_blocks(&self, stride: usize, offsets: &[[i32; 2]]) -> Vec<[f32; LIKENESS]> {
+        let (columns, rows) = (self.means.width() / stride, self.means.height() / stride);
+        let mut alike = vec![[0.0; LIKENESS]; rows * columns * offsets.len()];
+        alike.par_chunks_mut(columns * offsets.len()).enumerate().for_each(|(row, alike)| {
+            for (column, alike) in alike.chunks_exact_mut(offsets.len()).enumerate() {
+                let pixel = (column * stride, row * stride);
+                alike.iter_mut().zip(offsets).for_each(|(alike, offset)| *alike = self.of(pixel, *offset));
+            }
+        });
+        alike
+    }
+
     /// Of pixel `(x, y)` and the one `offset` (columns, rows) away, or at the border; the way goes straight or along
     /// a diagonal.
-    pub(super) fn of(&self, (x, y): (usize, usize), [dx, dy]: [i32; 2]) -> [f32; LIKENESS] {
+    fn of(&self, (x, y): (usize, usize), [dx, dy]: [i32; 2]) -> [f32; LIKENESS] {
         let own = self.means[(x, y)];
         let count = dx.abs().max(dy.abs());
         let (mut last, mut largest) = (own, 0.0f32);

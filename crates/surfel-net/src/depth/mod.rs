@@ -7,6 +7,7 @@
 mod choice;
 mod coarse;
 mod cross_view;
+mod features;
 mod likeness;
 mod passes;
 mod patches;
@@ -17,6 +18,7 @@ mod seeded;
 
 pub use choice::Choice;
 pub(crate) use coarse::CoarseDepth;
+pub(crate) use features::Features;
 pub(crate) use passes::{Given, refined_in_passes};
 pub(crate) use refine::{Refined, Refinement, SceneGeometry};
 pub(crate) use seeded::SeededRefinement;

@@ -4,7 +4,7 @@
 //! reach farther and are chosen more surely; its weights are those of the first. Invariant: what is handed on carries no
 //! gradient, so each pass is taught for itself, and every pass sees the same photographs and the same evidence.
 
-use super::likeness::Likeness;
+use super::likeness::{LIKENESS, Likeness};
 use super::patches::patches;
 use super::seed_maps::SeedMaps;
 use super::{Refined, SceneGeometry, SeededRefinement, disparity};
@@ -22,8 +22,9 @@ pub(crate) struct Given<'a> {
     pub(super) offsets: Vec<[i32; 2]>,
     /// Pixels of a block, along each axis.
     pub(super) stride: usize,
-    /// Per view.
-    pub(super) likenesses: Vec<Likeness>,
+    /// How alike the pixel that a block's features stand over is to those that propose to it, per view, block and
+    /// proposal.
+    pub(super) likenesses: Vec<Vec<[f32; LIKENESS]>>,
     /// Windows of the photographs, see [`patches`].
     pub(super) patches: Tensor<4>,
 }
@@ -37,11 +38,13 @@ impl<'a> Given<'a> {
         device: &Device,
     ) -> Self {
         let stride = config.refinement.stride;
+        let offsets = config.seeded.as_ref().map_or(vec![[0, 0]], |seeded| seeded.offsets());
+        let alike = |photograph: &Grid<[f32; 3]>| Likeness::new(photograph).of_blocks(stride, &offsets);
         Self {
             matched,
-            offsets: config.seeded.as_ref().map_or(vec![[0, 0]], |seeded| seeded.offsets()),
+            likenesses: photographs.iter().map(alike).collect(),
+            offsets,
             stride,
-            likenesses: photographs.iter().map(Likeness::new).collect(),
             patches: patches(photographs, stride, device),
         }
     }

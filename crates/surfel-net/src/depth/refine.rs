@@ -5,6 +5,7 @@
 
 use super::choice::Choice;
 use super::disparity;
+use super::features::Features;
 use crate::config::{NetConfig, RefinementConfig};
 use crate::cost_volume::{DepthRange, sweep, warps};
 use crate::layers::{Conv2d, conv3x3, depth_to_space, group_norm, space_to_depth, upsample, values};
@@ -25,8 +26,8 @@ pub(crate) struct Refined {
     pub(crate) disparity: Tensor<4>,
     /// Opacity before mapping, in (0, 1), `[views, 1, height, width]`.
     pub(crate) density: Tensor<4>,
-    /// The paper's `F`, `[views, feature channels, height, width]`, without the geometry a seeded network adds.
-    pub(crate) features: Tensor<4>,
+    /// The paper's `F`.
+    pub(crate) features: Features,
     /// Change of disparity (1 / scene unit) per pixel to the right and down, `[views, 2, height, width]`;
     /// known to a seeded network.
     pub(crate) slopes: Option<Tensor<4>>,
@@ -99,11 +100,10 @@ impl Refinement {
         let [first, second] = &self.to_disparity;
         let output = depth_to_space(second.forward(gelu(first.forward(refined.clone()))), stride);
         let correction = output.clone().narrow(1, 0, 1);
-        let features = vec![upsample(refined, stride, 0), images, upsample(upsampled, stride, 0)];
         Refined {
             disparity: (upsample(coarse, 4, 0) + correction).clamp(0.0, 1.0),
             density: sigmoid(output.narrow(1, 1, 1)),
-            features: Tensor::cat(features, 1),
+            features: Features { refined, images, upsampled, stride },
             slopes: None,
             choice: None,
         }

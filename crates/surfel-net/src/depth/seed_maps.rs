@@ -4,10 +4,10 @@
 
 use super::SceneGeometry;
 use super::cross_view::{CrossView, SAID};
-use super::likeness::{LIKENESS, Likeness};
+use super::likeness::LIKENESS;
 use super::passes::Given;
 use crate::layers::space_to_depth;
-use crate::ops::propagate::{Proposals, clamped, soft};
+use crate::ops::propagate::{Proposals, soft};
 use crate::seed::Seed;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
@@ -86,20 +86,21 @@ impl SeedMaps {
     /// What is tried at each block: its own plane moved by `offsets` steps, then the planes proposed to it. Inverse
     /// depth at the pixel the block's features stand over, 1 / scene unit, `[views, tries, rows, columns]`.
     pub(crate) fn tries(&self, offsets: &[f32]) -> Vec<f32> {
-        let Proposals { width, height, stride, ref planes, .. } = *self.proposals;
-        let mut tries = Vec::new();
-        for (view, step) in self.step_of_view.iter().enumerate() {
-            let mut push = |value: &dyn Fn(usize, usize) -> f32| {
-                for y in (0..height).step_by(stride) {
-                    tries.extend((0..width).step_by(stride).map(|x| {
-                        let own = planes[(view * height + y) * width + x][0];
-                        step * (own + value(x, y))
-                    }));
-                }
-            };
-            offsets.iter().for_each(|offset| push(&|_, _| *offset));
-            (1..self.proposals.offsets.len()).for_each(|k| push(&|x, y| self.proposals.at(view, x, y, k)[0]));
-        }
+        let proposals = &*self.proposals;
+        let (columns, rows) = proposals.weight_size();
+        let count = offsets.len() + proposals.offsets.len() - 1;
+        let mut tries = vec![0.0; self.step_of_view.len() * count * rows * columns];
+        tries.par_chunks_mut(rows * columns).enumerate().for_each(|(i, tries)| {
+            let (view, k) = (i / count, i % count);
+            for (block, inverse_depth) in tries.iter_mut().enumerate() {
+                let (x, y) = (block % columns * proposals.stride, block / columns * proposals.stride);
+                let moved = match offsets.get(k) {
+                    Some(offset) => *offset,
+                    None => proposals.at(view, x, y, k - offsets.len() + 1)[0],
+                };
+                *inverse_depth = self.step_of_view[view] * (proposals.own(view, x, y)[0] + moved);
+            }
+        });
         tries
     }
 }
@@ -121,27 +122,22 @@ fn pixel_maps(seed: &Seed, view: usize, cross_view: &CrossView) -> Vec<f32> {
 
 /// `[views, slopes, differences to the proposals, their confidences; rows, columns]`, block means.
 fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
-    let (width, height) = (proposals.width, proposals.height);
-    let count = proposals.offsets.len();
-    let mut maps = Vec::new();
-    for (view, seed) in seeds.iter().enumerate() {
-        let own = &proposals.planes[view * width * height..][..width * height];
-        for axis in [1, 2] {
-            let slopes: Vec<f32> = own.iter().map(|plane| soft(4.0 * plane[axis])).collect();
-            maps.extend(block_means(&slopes, proposals));
+    let others = proposals.offsets.len() - 1;
+    let channels = SLOPES + 2 * others;
+    let of_map = |map: usize| {
+        let (view, channel) = (map / channels, map % channels);
+        match channel {
+            0..SLOPES => block_means(proposals, |x, y| soft(4.0 * proposals.own(view, x, y)[1 + channel])),
+            _ if channel < SLOPES + others => {
+                block_means(proposals, |x, y| soft(proposals.at(view, x, y, channel - SLOPES + 1)[0]))
+            }
+            _ => {
+                let confidence = &seeds[view].confidence;
+                block_means(proposals, |x, y| confidence[proposals.proposer(x, y, channel - SLOPES - others + 1)])
+            }
         }
-        let over = |value: &dyn Fn(usize, usize) -> f32| -> Vec<f32> {
-            block_means(&(0..width * height).map(|i| value(i % width, i / width)).collect::<Vec<_>>(), proposals)
-        };
-        for k in 1..count {
-            maps.extend(over(&|x, y| soft(proposals.at(view, x, y, k)[0])));
-        }
-        for k in 1..count {
-            let [dx, dy] = proposals.offsets[k];
-            maps.extend(over(&|x, y| seed.confidence[(clamped(x, dx, width), clamped(y, dy, height))]));
-        }
-    }
-    maps
+    };
+    (0..seeds.len() * channels).into_par_iter().flat_map_iter(of_map).collect()
 }
 
 /// What is known of each proposal at the pixel its block's features stand over: difference to the pixel's own plane,
@@ -150,68 +146,96 @@ fn block_maps(proposals: &Proposals, seeds: &[Seed]) -> Vec<f32> {
 fn known(
     proposals: &Proposals,
     seeds: &[Seed],
-    likenesses: &[Likeness],
+    likenesses: &[Vec<[f32; LIKENESS]>],
     cross_view: &CrossView,
     device: &Device,
 ) -> Tensor<5> {
     let stride = proposals.stride;
     let (columns, rows) = proposals.weight_size();
     let (count, blocks) = (proposals.offsets.len(), rows * columns);
-    let of_block = |i: usize| -> Vec<[f32; KNOWN]> {
-        let (view, block) = (i / blocks, i % blocks);
-        let pixel = (block % columns * stride, block / columns * stride);
-        known_at(proposals, seeds, &likenesses[view], cross_view, view, pixel)
-    };
-    let of_blocks: Vec<Vec<[f32; KNOWN]>> = (0..seeds.len() * blocks).into_par_iter().map(of_block).collect();
-    let mut maps = Vec::with_capacity(seeds.len() * count * KNOWN * blocks);
-    for of_view in of_blocks.chunks_exact(blocks) {
-        for k in 0..count {
-            (0..KNOWN).for_each(|c| maps.extend(of_view.iter().map(|known| known[k][c])));
+    // Block by block first, for what is known of a proposal depends on the others.
+    let mut of_blocks = vec![[0.0f32; KNOWN]; seeds.len() * blocks * count];
+    of_blocks.par_chunks_mut(columns * count).enumerate().for_each(|(row, of_row)| {
+        let (view, row) = (row / rows, row % rows);
+        let likenesses = &likenesses[view][row * columns * count..][..columns * count];
+        let mut of_block = OfBlock::new(count);
+        for (column, known) in of_row.chunks_exact_mut(count).enumerate() {
+            of_block.read(proposals, seeds, cross_view, view, (column * stride, row * stride));
+            of_block.write(&likenesses[column * count..][..count], known);
         }
-    }
+    });
+    let mut maps = vec![0.0f32; seeds.len() * count * KNOWN * blocks];
+    maps.par_chunks_mut(blocks).enumerate().for_each(|(map, values)| {
+        let (view, k, value) = (map / (count * KNOWN), map / KNOWN % count, map % KNOWN);
+        let of_view = &of_blocks[view * blocks * count..][..blocks * count];
+        values.iter_mut().zip(of_view.iter().skip(k).step_by(count)).for_each(|(to, known)| *to = known[value]);
+    });
     Tensor::from_data(TensorData::new(maps, [seeds.len(), count, KNOWN, rows, columns]), device)
 }
 
-/// One entry per proposal.
-fn known_at(
-    proposals: &Proposals,
-    seeds: &[Seed],
-    likeness: &Likeness,
-    cross_view: &CrossView,
-    view: usize,
-    (x, y): (usize, usize),
-) -> Vec<[f32; KNOWN]> {
-    let seed = &seeds[view];
-    let count = proposals.offsets.len();
-    let differences: Vec<f32> = (0..count).map(|k| proposals.at(view, x, y, k)[0]).collect();
-    let proposer = |[dx, dy]: &[i32; 2]| (clamped(x, *dx, proposals.width), clamped(y, *dy, proposals.height));
-    let confidences: Vec<f32> = proposals.offsets.iter().map(|offset| seed.confidence[proposer(offset)]).collect();
-    let of_proposal = |k: usize| {
-        // Proposals within about a step of this one speak for it, as sure as they are.
-        let agree = |j: usize| confidences[j] / (1.0 + (differences[j] - differences[k]).powi(2));
-        let support = (0..count).map(agree).sum::<f32>() / count as f32;
-        let difference = soft(differences[k]);
-        let own = if k == 0 { 1.0 } else { 0.0 };
-        let inverse_depth = seed.planes[(x, y)][0] + differences[k] * seed.step;
-        let [confirmed, front, behind] = cross_view.of(view, x, y, inverse_depth);
-        let [colour, edge] = likeness.of((x, y), proposals.offsets[k]);
-        let size = difference.abs();
-        [difference, size, confidences[k], support, own, confirmed, front, behind, colour, edge]
-    };
-    (0..count).map(of_proposal).collect()
+/// The planes proposed to one block, by proposal.
+struct OfBlock {
+    /// To the pixel's own plane, steps.
+    differences: Vec<f32>,
+    /// At the proposers.
+    confidences: Vec<f32>,
+    /// By the others.
+    supports: Vec<f32>,
+    /// By the neighbours.
+    said: Vec<[f32; SAID]>,
 }
 
-/// Means over blocks of `[anything, height, width]`.
-fn block_means(values: &[f32], proposals: &Proposals) -> Vec<f32> {
-    let (width, height, stride) = (proposals.width, proposals.height, proposals.stride);
+impl OfBlock {
+    fn new(count: usize) -> Self {
+        let zeros = || vec![0.0; count];
+        Self { differences: zeros(), confidences: zeros(), supports: zeros(), said: vec![[0.0; SAID]; count] }
+    }
+
+    fn read(
+        &mut self,
+        proposals: &Proposals,
+        seeds: &[Seed],
+        cross_view: &CrossView,
+        view: usize,
+        (x, y): (usize, usize),
+    ) {
+        let (seed, count) = (&seeds[view], self.differences.len());
+        for k in 0..count {
+            self.differences[k] = proposals.at(view, x, y, k)[0];
+            self.confidences[k] = seed.confidence[proposals.proposer(x, y, k)];
+            let inverse_depth = seed.planes[(x, y)][0] + self.differences[k] * seed.step;
+            self.said[k] = cross_view.of(view, x, y, inverse_depth);
+        }
+        // Proposals within about a step of one speak for it, as sure as they are.
+        self.supports.fill(0.0);
+        for (difference, confidence) in self.differences.iter().zip(&self.confidences) {
+            for (support, of) in self.supports.iter_mut().zip(&self.differences) {
+                *support += confidence / (1.0 + (difference - of).powi(2));
+            }
+        }
+        self.supports.iter_mut().for_each(|support| *support /= count as f32);
+    }
+
+    fn write(&self, likenesses: &[[f32; LIKENESS]], known: &mut [[f32; KNOWN]]) {
+        for (k, known) in known.iter_mut().enumerate() {
+            let difference = soft(self.differences[k]);
+            let own = if k == 0 { 1.0 } else { 0.0 };
+            let ([confirmed, front, behind], [colour, edge]) = (self.said[k], likenesses[k]);
+            let (confidence, support) = (self.confidences[k], self.supports[k]);
+            *known = [difference, difference.abs(), confidence, support, own, confirmed, front, behind, colour, edge];
+        }
+    }
+}
+
+/// Means over blocks of a value of every pixel, `[rows, columns]`.
+fn block_means(proposals: &Proposals, value: impl Fn(usize, usize) -> f32) -> Vec<f32> {
+    let Proposals { width, height, stride, .. } = *proposals;
     let (columns, rows) = proposals.weight_size();
     let share = 1.0 / (stride * stride) as f32;
-    let mut means = vec![0.0f32; values.len() / (stride * stride)];
-    for (map, means) in values.chunks_exact(width * height).zip(means.chunks_exact_mut(columns * rows)) {
-        for (y, row) in map.chunks_exact(width).enumerate() {
-            let means = &mut means[y / stride * columns..][..columns];
-            row.iter().enumerate().for_each(|(x, value)| means[x / stride] += share * value);
-        }
+    let mut means = vec![0.0f32; columns * rows];
+    for y in 0..height {
+        let means = &mut means[y / stride * columns..][..columns];
+        (0..width).for_each(|x| means[x / stride] += share * value(x, y));
     }
     means
 }

@@ -6,6 +6,7 @@
 //! but for the softness of the weights, and everything is in steps, so neither unit nor depth range is seen.
 
 use super::choice::Choice;
+use super::features::Features;
 use super::passes::Given;
 use super::scorer::Scorer;
 use super::seed_maps::{KNOWN, SeedMaps};
@@ -132,8 +133,8 @@ impl SeededRefinement {
         // A tilt is a change of inverse depth per pixel over inverse depth, times the focal length.
         let tilt = per_pixel.narrow(1, 1, 2) * inverse_focal(scene.cameras, &device) * CORRECTION;
         let slopes = planes.narrow(1, 1, 2) * seeds.steps.clone() + tilt * seeds.inverse_depth.clone();
-        let features = vec![upsample(refined, stride, 0), images.clone(), upsample(upsampled.clone(), stride, 0)];
-        Refined { disparity, density, features: Tensor::cat(features, 1), slopes: Some(slopes), choice: Some(choice) }
+        let features = Features { refined, images: images.clone(), upsampled: upsampled.clone(), stride };
+        Refined { disparity, density, features, slopes: Some(slopes), choice: Some(choice) }
     }
 }
 

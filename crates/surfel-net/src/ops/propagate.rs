@@ -61,12 +61,22 @@ impl Proposals {
         (self.width / self.stride, self.height / self.stride)
     }
 
+    /// The plane of pixel `(x, y)` itself.
+    pub(crate) fn own(&self, view: usize, x: usize, y: usize) -> [f32; 3] {
+        self.planes[(view * self.height + y) * self.width + x]
+    }
+
+    /// Column and row of the pixel that makes proposal `k` to pixel `(x, y)`.
+    pub(crate) fn proposer(&self, x: usize, y: usize, k: usize) -> (usize, usize) {
+        let [dx, dy] = self.offsets[k];
+        (clamped(x, dx, self.width), clamped(y, dy, self.height))
+    }
+
     /// What proposal `k` says of pixel `(x, y)`: inverse depth relative to the pixel's own, and its slopes.
     pub fn at(&self, view: usize, x: usize, y: usize, k: usize) -> [f32; 3] {
-        let start = view * self.width * self.height;
-        let (nx, ny) = (clamped(x, self.offsets[k][0], self.width), clamped(y, self.offsets[k][1], self.height));
-        let own = self.planes[start + y * self.width + x];
-        let [w, w_x, w_y] = self.planes[start + ny * self.width + nx];
+        let (nx, ny) = self.proposer(x, y, k);
+        let own = self.own(view, x, y);
+        let [w, w_x, w_y] = self.own(view, nx, ny);
         let (dx, dy) = (x as f32 - nx as f32, y as f32 - ny as f32);
         [(w + w_x * dx + w_y * dy - own[0]).clamp(-FARTHEST, FARTHEST), w_x, w_y]
     }
