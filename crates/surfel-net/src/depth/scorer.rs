@@ -7,7 +7,7 @@
 
 use crate::layers::Conv2d;
 use crate::layers::conv1x1;
-use crate::ops::relu;
+use crate::ops::judged;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 
@@ -39,12 +39,12 @@ impl Scorer {
     /// Scores `[views, proposals, h, w]` of `known` `[views, proposals, channels, h, w]` in `context`
     /// `[views, channels, h, w]`.
     pub(crate) fn forward(&self, known: Tensor<5>, context: Tensor<4>) -> Tensor<4> {
-        let [views, count, channels, height, width] = known.dims();
-        let known: Tensor<4> = known.reshape([views * count, channels, height, width]);
-        let known: Tensor<5> = self.proposal.forward(known).reshape([views, count, HIDDEN, height, width]);
-        let context: Tensor<5> = self.context.forward(context).reshape([views, 1, HIDDEN, height, width]);
-        let hidden: Tensor<4> = relu(known + context).reshape([views * count, HIDDEN, height, width]);
-        self.score.forward(hidden).reshape([views, count, height, width]) * GAIN
+        // One number per channel, added wherever the channel is.
+        let added = |layer: &Conv2d| layer.bias.as_ref().map(|bias| bias.val().reshape([1, -1, 1, 1]));
+        let plus = |map: Tensor<4>, layer: &Conv2d| added(layer).into_iter().fold(map, |map, bias| map + bias);
+        let context = plus(self.context.forward(context), &self.proposal);
+        let [weights, score] = [&self.proposal, &self.score].map(|layer| layer.weight.val());
+        plus(judged(known, context, weights.flatten(1, 3), score.flatten(0, 3)), &self.score) * GAIN
     }
 }
 

@@ -40,7 +40,8 @@ pub(super) struct Case {
 /// The questions for two photographs of this size, which must be divisible by 16.
 pub(super) fn cases(width: usize, height: usize) -> Vec<Case> {
     vec![
-        convolution(width / 2, height / 2),
+        convolution("convolution, 3 x 3", 1, (width / 2, height / 2)),
+        convolution("its every other pixel", 2, (width / 2, height / 2)),
         normalisation(width / 2, height / 2),
         upsampling(width / 4, height / 4),
         feed_forward(width * height / 16),
@@ -82,12 +83,12 @@ fn differentiated(
     Case { name, tolerance: ROUNDING, compute: Box::new(compute) }
 }
 
-fn convolution(width: usize, height: usize) -> Case {
+fn convolution(name: &'static str, stride: usize, (width, height): (usize, usize)) -> Case {
     let counts = vec![2 * CHANNELS * height * width, CHANNELS * CHANNELS * 9, CHANNELS];
-    let case = differentiated("convolution, 3 x 3", counts, move |inputs| {
+    let case = differentiated(name, counts, move |inputs| {
         let [x, weight, bias] = [0, 1, 2].map(|i| inputs[i].clone());
         let (x, weight) = (x.reshape([2, CHANNELS, height, width]), weight.reshape([CHANNELS, CHANNELS, 3, 3]));
-        ops::conv2d(x, weight, Some(bias), 1, 1).flatten(0, 3)
+        ops::conv2d(x, weight, Some(bias), stride, 1).flatten(0, 3)
     });
     Case { tolerance: MATRIX_UNITS, ..case }
 }
@@ -156,7 +157,10 @@ fn propagation(width: usize, height: usize) -> Case {
     const STRIDE: usize = 4;
     let offsets = vec![[0, 0], [-8, 0], [8, 0], [0, -8], [0, 8]];
     let count = offsets.len();
-    let planes = (0..2 * width * height).map(|i| [(i % width) as f32 * 0.01, 0.01, 0.0]).collect();
+    // Two uneven surfaces, far enough apart that no pixel finds them equal.
+    let uneven = numbers(2 * width * height, 2);
+    let plane = |i: usize| [if i % width < width / 2 { uneven[i] } else { 20.0 + uneven[i] }, 0.1 * uneven[i], 0.05];
+    let planes = (0..2 * width * height).map(plane).collect();
     let proposals = Arc::new(Proposals { width, height, stride: STRIDE, planes, offsets });
     let scores = 2 * count * (height / STRIDE) * (width / STRIDE);
     differentiated("plane propagation", vec![scores, 2 * width * height], move |inputs| {

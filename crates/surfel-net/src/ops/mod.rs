@@ -5,6 +5,8 @@
 
 pub mod activation;
 pub mod attention;
+#[cfg(any(feature = "cuda", feature = "wgpu"))]
+mod card;
 pub mod conv;
 pub mod count;
 pub mod epipolar;
@@ -12,6 +14,7 @@ pub mod epipolar_attention;
 pub mod gather_attention;
 pub mod group_norm;
 mod join;
+pub mod judge;
 pub mod kernel;
 pub mod plane_sweep;
 pub mod propagate;
@@ -23,6 +26,6 @@ pub(crate) use activation::{gelu, relu};
 pub(crate) use attention::attention;
 pub use count::multiply_adds;
 pub use group_norm::group_norm;
-pub(crate) use join::render_planes;
 pub use join::{conv2d, epipolar_attention, gather_attention, plane_sweep, propagate_planes};
+pub(crate) use join::{judged, render_planes};
 pub(crate) use kernel::runs_on;

@@ -67,6 +67,27 @@ impl Sweep {
         self.width * self.height
     }
 
+    /// Disparity of each candidate at each pixel, `[views, candidates, height, width]`.
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    pub(super) fn all_disparities(&self) -> Vec<f32> {
+        let (count, pixels) = (self.num_candidates(), self.num_pixels());
+        let mut all = vec![0.0; self.num_views() * count * pixels];
+        all.par_chunks_mut(pixels.max(1)).enumerate().for_each(|(map, all)| {
+            let view = map / count;
+            let offset = self.disparities[view][map % count];
+            let base = match &self.base {
+                Base::Zero => None,
+                Base::PerPixel(base) => Some(&base[view * pixels..][..pixels]),
+                Base::PerCandidate(base) => Some(&base[map * pixels..][..pixels]),
+            };
+            match base {
+                Some(base) => all.iter_mut().zip(base).for_each(|(all, base)| *all = base + offset),
+                None => all.fill(offset),
+            }
+        });
+        all
+    }
+
     /// The candidates of a pixel that the neighbour can see, in order. They are listed before any vector
     /// arithmetic: vector code inside a callback would not be compiled for the machine's vectors.
     fn samples(&self, view: usize, warp: &Warp, x: usize, y: usize, samples: &mut Vec<Sample>) {
@@ -267,7 +288,7 @@ impl WithSimd for BackwardChunk<'_> {
 }
 
 /// `1 / sqrt(C)`, and the mean over the neighbours.
-fn normaliser(channels: usize, num_neighbours: usize) -> f32 {
+pub(super) fn normaliser(channels: usize, num_neighbours: usize) -> f32 {
     1.0 / ((channels as f32).sqrt() * num_neighbours.max(1) as f32)
 }
 

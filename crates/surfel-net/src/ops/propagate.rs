@@ -17,13 +17,13 @@ const LANES: usize = 8;
 type Lanes = [f32; LANES];
 
 /// Proposals farther than this from the pixel's own plane are drawn in, steps.
-const FARTHEST: f32 = 64.0;
+pub(super) const FARTHEST: f32 = 64.0;
 
 /// Proposals this far from the one in their middle are of its surface, steps.
 pub const REACH: f32 = 4.0;
 
 /// Steps at which a difference of inverse depth counts half of what it could.
-const SOFT_STEPS: f32 = 2.0;
+pub(super) const SOFT_STEPS: f32 = 2.0;
 
 /// Odd, in (-1, 1), steepest at zero: small differences keep their size, large ones only their sign.
 pub(crate) fn soft(steps: f32) -> f32 {

@@ -52,7 +52,7 @@ impl Conv {
     }
 
     /// Weights per output channel.
-    fn taps(&self) -> usize {
+    pub(super) fn taps(&self) -> usize {
         self.inputs * self.kernel * self.kernel
     }
 

@@ -6,6 +6,7 @@
 mod conv;
 mod epipolar;
 mod gather;
+mod judge;
 mod propagate;
 mod render;
 mod sweep;
@@ -13,6 +14,7 @@ mod sweep;
 pub use conv::conv2d;
 pub use epipolar::epipolar_attention;
 pub use gather::gather_attention;
+pub(crate) use judge::judged;
 pub use propagate::propagate_planes;
 pub(crate) use render::render_planes;
 pub use sweep::plane_sweep;

@@ -2,6 +2,8 @@
 //!
 //! Invariant: no gradient flows to the proposing planes.
 
+#[cfg(any(feature = "cuda", feature = "wgpu"))]
+use crate::ops::card::{self, OnCard};
 use crate::ops::kernel::{Kernel, SLOTS, run};
 use crate::ops::propagate::{self, Proposals};
 use burn::tensor::Tensor;
@@ -22,6 +24,22 @@ impl Kernel for Arc<Proposals> {
         let [scores, leans, ..] = *inputs;
         let (of_scores, of_leans) = propagate::backward(scores, leans, self, grad);
         [Some(of_scores), Some(of_leans), None, None, None]
+    }
+
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    fn on_card(&self, inputs: &[OnCard; SLOTS]) -> Option<OnCard> {
+        Some(card::propagate(&inputs[0], &inputs[1], self))
+    }
+
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    fn gradients_on_card(
+        &self,
+        inputs: &[OnCard; SLOTS],
+        grad: &OnCard,
+        _: [bool; SLOTS],
+    ) -> Option<[Option<OnCard>; SLOTS]> {
+        let [of_scores, of_leans] = card::propagate_gradients(&inputs[0], &inputs[1], self, grad);
+        Some([Some(of_scores), Some(of_leans), None, None, None])
     }
 }
 

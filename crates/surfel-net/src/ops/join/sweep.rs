@@ -2,6 +2,8 @@
 //!
 //! Invariant: no gradient flows to poses or candidates.
 
+#[cfg(any(feature = "cuda", feature = "wgpu"))]
+use crate::ops::card::{self, OnCard};
 use crate::ops::count;
 use crate::ops::kernel::{Kernel, SLOTS, run};
 use crate::ops::plane_sweep::{self as sweep, Sweep};
@@ -27,6 +29,11 @@ impl Kernel for Correlation {
 
     fn backward(&self, inputs: &[&[f32]; SLOTS], grad: &[f32], _: [bool; SLOTS]) -> [Option<Vec<f32>>; SLOTS] {
         [Some(sweep::backward(inputs[0], self.channels, &self.geometry, grad)), None, None, None, None]
+    }
+
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    fn on_card(&self, inputs: &[OnCard; SLOTS]) -> Option<OnCard> {
+        Some(card::sweep(&inputs[0], self.channels, &self.geometry))
     }
 }
 

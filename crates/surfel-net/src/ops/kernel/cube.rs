@@ -1,8 +1,8 @@
-//! Our kernels for tensors of a graphics card: to the CPU, through the same code, and back.
+//! Our kernels for tensors of a graphics card: its own where there is one (`ops/card`), else to the CPU, through the
+//! same code, and back.
 //!
-//! Convolution, normalisation and attention within a view use burn's own operators there (`runs_on`); what comes here
-//! is what burn lacks: plane sweeps, gather and epipolar attention, plane propagation, rendering. Invariant: results
-//! are those of the CPU, to the last bit.
+//! Normalisation and attention within a view use burn's own operators there (`runs_on`); what comes here is what burn
+//! lacks. Invariant: what has no kernel for cards has the results of the CPU, to the last bit.
 
 use super::{Kernel, KernelOps, SLOTS};
 use burn::backend::ops::FloatTensorOps;
@@ -30,7 +30,11 @@ impl KernelOps for CubeBackend {
         kernel: Arc<dyn Kernel>,
     ) -> FloatTensor<Self> {
         let device = a.device.clone();
-        let inputs = [a, b, c, d, e].map(fetched);
+        let inputs = [a, b, c, d, e];
+        if let Some(output) = kernel.on_card(&inputs) {
+            return output;
+        }
+        let inputs = inputs.map(fetched);
         let output = kernel.forward(&inputs.each_ref().map(Vec::as_slice));
         Self::float_from_data(TensorData::new(output, kernel.shape()), &device)
     }
@@ -46,8 +50,12 @@ impl KernelOps for CubeBackend {
         kernel: Arc<dyn Kernel>,
     ) -> Vec<Option<FloatTensor<Self>>> {
         let device = a.device.clone();
-        let shapes = [&a, &b, &c, &d, &e].map(|tensor| tensor.meta.shape().clone());
-        let inputs = [a, b, c, d, e].map(fetched);
+        let inputs = [a, b, c, d, e];
+        if let Some(grads) = kernel.gradients_on_card(&inputs, &grad, wanted) {
+            return grads.into();
+        }
+        let shapes = inputs.each_ref().map(|tensor| tensor.meta.shape().clone());
+        let inputs = inputs.map(fetched);
         let grads = kernel.backward(&inputs.each_ref().map(Vec::as_slice), &fetched(grad), wanted);
         let uploaded = |(grad, shape): (Option<Vec<f32>>, _)| {
             grad.map(|grad| Self::float_from_data(TensorData::new(grad, shape), &device))

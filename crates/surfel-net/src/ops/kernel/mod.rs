@@ -1,11 +1,14 @@
 //! The frame that joins a kernel on plain slices to burn, written once for all kernels.
 //!
 //! A kernel says what it computes and its gradients; this file moves tensors in and out and registers the backward
-//! pass. On a graphics card (`cube.rs`) tensors come to the CPU and go back. Invariant: only the gradients that someone asks for are computed, and none of them again.
+//! pass. Tensors of a graphics card (`cube.rs`) stay there where a kernel has a twin for cards, else they come to the CPU
+//! and go back. Invariant: only the gradients that someone asks for are computed, and none of them again.
 
 #[cfg(any(feature = "cuda", feature = "wgpu"))]
 mod cube;
 
+#[cfg(any(feature = "cuda", feature = "wgpu"))]
+use super::card::OnCard;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -28,6 +31,21 @@ pub trait Kernel: Debug + Send + Sync + 'static {
     fn forward(&self, inputs: &[&[f32]; SLOTS]) -> Vec<f32>;
     /// The gradients of the inputs that are wanted, given that of the output; others are not looked at.
     fn backward(&self, inputs: &[&[f32]; SLOTS], grad: &[f32], wanted: [bool; SLOTS]) -> [Option<Vec<f32>>; SLOTS];
+    /// The output, computed on the graphics card that the inputs are on, if there is a kernel for it.
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    fn on_card(&self, _inputs: &[OnCard; SLOTS]) -> Option<OnCard> {
+        None
+    }
+    /// The gradients of the inputs that are wanted, likewise; others are not looked at.
+    #[cfg(any(feature = "cuda", feature = "wgpu"))]
+    fn gradients_on_card(
+        &self,
+        _inputs: &[OnCard; SLOTS],
+        _grad: &OnCard,
+        _wanted: [bool; SLOTS],
+    ) -> Option<[Option<OnCard>; SLOTS]> {
+        None
+    }
 }
 
 /// Kernels on a backend's own tensors.
