@@ -136,7 +136,9 @@ mod tests {
         let surfels = TrainConfig::from_toml(include_str!("../configs/small_stage2.toml")).unwrap();
         let views = TrainConfig::from_toml(include_str!("../configs/small_views.toml")).unwrap();
         let streets = TrainConfig::from_toml(include_str!("../configs/small_streets.toml")).unwrap();
-        assert!([&depth, &views, &streets].iter().all(|config| !config.loss.needs_surfels()));
+        let card = TrainConfig::from_toml(include_str!("../configs/small_card.toml")).unwrap();
+        let rooms = TrainConfig::from_toml(include_str!("../configs/small_rooms.toml")).unwrap();
+        assert!([&depth, &views, &streets, &card, &rooms].iter().all(|config| !config.loss.needs_surfels()));
         assert!(surfels.loss.needs_surfels() && views.train.iter().any(|entry| entry.source.num_views == 4));
         let is_street = |scenes: &Scenes| matches!(scenes, Scenes::Scans(scans) if scans.street_share > 0.0);
         assert!(streets.train.iter().any(|entry| is_street(&entry.source.scenes)));
