@@ -3,6 +3,7 @@
 //! Every proposal of every pixel has as many hidden values as a map has channels, so as maps of their own they would be
 //! the largest of the network by far. Invariant: sums run in an order that the sizes alone decide.
 
+use super::vector::each;
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -192,16 +193,13 @@ impl Group {
     }
 
     fn read_context(&mut self, judge: &Judge, inputs: &Inputs, view: usize, first: usize, count: usize) {
-        let maps = inputs.context[view * judge.hidden * judge.pixels..].chunks_exact(judge.pixels);
-        let read = |(to, map): (&mut Lanes, &[f32])| to[..count].copy_from_slice(&map[first..][..count]);
-        self.context.iter_mut().zip(maps).for_each(read);
+        let maps = &inputs.context[view * judge.hidden * judge.pixels..];
+        read(&mut self.context, maps.chunks_exact(judge.pixels), first, count);
     }
 
     fn read_known(&mut self, judge: &Judge, inputs: &Inputs, view: usize, k: usize, first: usize, count: usize) {
-        let maps = (view * judge.proposals + k) * judge.channels;
-        let maps = inputs.known[maps * judge.pixels..].chunks_exact(judge.pixels);
-        let read = |(to, map): (&mut Lanes, &[f32])| to[..count].copy_from_slice(&map[first..][..count]);
-        self.known.iter_mut().zip(maps).for_each(read);
+        let maps = &inputs.known[(view * judge.proposals + k) * judge.channels * judge.pixels..];
+        read(&mut self.known, maps.chunks_exact(judge.pixels), first, count);
     }
 
     /// A hidden value before it is cut off at zero.
@@ -209,7 +207,7 @@ impl Group {
     fn hidden(&self, weights: &[f32], h: usize) -> Lanes {
         let mut value = self.context[h];
         for (weight, known) in weights.iter().zip(&self.known) {
-            each(|lane| value[lane] += weight * known[lane]);
+            each::<LANES>(|lane| value[lane] += weight * known[lane]);
         }
         value
     }
@@ -221,7 +219,7 @@ impl Group {
         let layers = inputs.weights.chunks_exact(self.known.len()).zip(inputs.score);
         for (h, (weights, score)) in layers.enumerate() {
             let hidden = self.hidden(weights, h);
-            each(|lane| scores[lane] += score * hidden[lane].max(0.0));
+            each::<LANES>(|lane| scores[lane] += score * hidden[lane].max(0.0));
         }
         scores
     }
@@ -236,7 +234,7 @@ impl Group {
             let hidden = self.hidden(weights, h);
             let (of_score, of_context) = (&mut self.of_score[h], &mut self.of_context[h]);
             let mut of_hidden = [0.0; LANES];
-            each(|lane| {
+            each::<LANES>(|lane| {
                 of_score[lane] += grad[lane] * hidden[lane].max(0.0);
                 of_hidden[lane] = if hidden[lane] > 0.0 { score * grad[lane] } else { 0.0 };
                 of_context[lane] += of_hidden[lane];
@@ -244,7 +242,7 @@ impl Group {
             let of_weights = &mut self.of_weights[h * channels..][..channels];
             for (c, of_weight) in of_weights.iter_mut().enumerate() {
                 let (known, of_known, weight) = (&self.known[c], &mut self.of_known[c], weights[c]);
-                each(|lane| {
+                each::<LANES>(|lane| {
                     of_weight[lane] += of_hidden[lane] * known[lane];
                     of_known[lane] += of_hidden[lane] * weight;
                 });
@@ -253,8 +251,7 @@ impl Group {
     }
 }
 
-/// Calls `work` for every lane, in a loop that the compiler turns into vectors.
-#[inline(always)]
-fn each(work: impl FnMut(usize)) {
-    (0..LANES).for_each(work);
+/// The `count` values of each map from `first` on.
+fn read<'a>(lanes: &mut [Lanes], maps: impl Iterator<Item = &'a [f32]>, first: usize, count: usize) {
+    lanes.iter_mut().zip(maps).for_each(|(lanes, map)| lanes[..count].copy_from_slice(&map[first..][..count]));
 }

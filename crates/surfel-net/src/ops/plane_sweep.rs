@@ -67,23 +67,27 @@ impl Sweep {
         self.width * self.height
     }
 
+    /// Disparity of a candidate at the pixel of that index.
+    #[inline(always)]
+    fn disparity(&self, view: usize, candidate: usize, pixel: usize) -> f32 {
+        let base = match &self.base {
+            Base::Zero => 0.0,
+            Base::PerPixel(base) => base[view * self.num_pixels() + pixel],
+            Base::PerCandidate(base) => {
+                base[(view * self.disparities[view].len() + candidate) * self.num_pixels() + pixel]
+            }
+        };
+        base + self.disparities[view][candidate]
+    }
+
     /// Disparity of each candidate at each pixel, `[views, candidates, height, width]`.
     #[cfg(any(feature = "cuda", feature = "wgpu"))]
     pub(super) fn all_disparities(&self) -> Vec<f32> {
         let (count, pixels) = (self.num_candidates(), self.num_pixels());
         let mut all = vec![0.0; self.num_views() * count * pixels];
         all.par_chunks_mut(pixels.max(1)).enumerate().for_each(|(map, all)| {
-            let view = map / count;
-            let offset = self.disparities[view][map % count];
-            let base = match &self.base {
-                Base::Zero => None,
-                Base::PerPixel(base) => Some(&base[view * pixels..][..pixels]),
-                Base::PerCandidate(base) => Some(&base[map * pixels..][..pixels]),
-            };
-            match base {
-                Some(base) => all.iter_mut().zip(base).for_each(|(all, base)| *all = base + offset),
-                None => all.fill(offset),
-            }
+            let (view, candidate) = (map / count, map % count);
+            all.iter_mut().enumerate().for_each(|(pixel, all)| *all = self.disparity(view, candidate, pixel));
         });
         all
     }
@@ -94,15 +98,9 @@ impl Sweep {
         samples.clear();
         let pixel = [x as f32, y as f32, 1.0];
         let far: [f32; 3] = warp.rotation.map(|row| row[0] * pixel[0] + row[1] * pixel[1] + row[2]);
-        let (pixels, pixel_index) = (self.num_pixels(), y * self.width + x);
-        let count = self.disparities[view].len();
-        for (candidate, offset) in self.disparities[view].iter().enumerate() {
-            let base = match &self.base {
-                Base::Zero => 0.0,
-                Base::PerPixel(base) => base[view * pixels + pixel_index],
-                Base::PerCandidate(base) => base[(view * count + candidate) * pixels + pixel_index],
-            };
-            let disparity = base + offset;
+        let pixel_index = y * self.width + x;
+        for candidate in 0..self.disparities[view].len() {
+            let disparity = self.disparity(view, candidate, pixel_index);
             let q: [f32; 3] = std::array::from_fn(|i| far[i] + disparity * warp.translation[i]);
             if q[2] > MIN_DEPTH_RATIO {
                 let (x, y) = (q[0] / q[2], q[1] / q[2]);

@@ -8,6 +8,7 @@
 //! whatever the weights, and what comes back lies within [`REACH`] of a proposal.
 
 use super::activation::exp;
+use super::vector::each;
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -179,25 +180,27 @@ impl Group {
         self.propose(scores, leans, proposals, view, first, y);
         let mut largest = [f32::NEG_INFINITY; LANES];
         for weights in &self.weights {
-            each(|lane| largest[lane] = largest[lane].max(weights[lane]));
+            each::<LANES>(|lane| largest[lane] = largest[lane].max(weights[lane]));
         }
         for weights in &mut self.weights {
-            each(|lane| weights[lane] = exp(weights[lane] - largest[lane]));
+            each::<LANES>(|lane| weights[lane] = exp(weights[lane] - largest[lane]));
         }
         let (mut most, mut middle) = ([f32::NEG_INFINITY; LANES], [0.0; LANES]);
         for [to, ..] in &self.planes {
             let mut mass = [0.0; LANES];
             for ([from, ..], weights) in self.planes.iter().zip(&self.weights) {
-                each(|lane| mass[lane] += if (from[lane] - to[lane]).abs() <= REACH { weights[lane] } else { 0.0 });
+                each::<LANES>(|lane| {
+                    mass[lane] += if (from[lane] - to[lane]).abs() <= REACH { weights[lane] } else { 0.0 }
+                });
             }
-            each(|lane| {
+            each::<LANES>(|lane| {
                 let is_more = mass[lane] > most[lane];
                 most[lane] = if is_more { mass[lane] } else { most[lane] };
                 middle[lane] = if is_more { to[lane] } else { middle[lane] };
             });
         }
         for ([depths, ..], weights) in self.planes.iter().zip(&mut self.weights) {
-            each(|lane| {
+            each::<LANES>(|lane| {
                 let is_near = (depths[lane] - middle[lane]).abs() <= REACH;
                 weights[lane] = if is_near { weights[lane] / most[lane] } else { 0.0 };
             });
@@ -221,13 +224,13 @@ impl Group {
             let dy = y as f32 - ny as f32;
             let [depths, slopes_x, slopes_y] = &mut self.planes[k];
             let mut dx = [0.0; LANES];
-            each(|lane| {
+            each::<LANES>(|lane| {
                 let nx = clamped(xs[lane], right, width);
                 [depths[lane], slopes_x[lane], slopes_y[lane]] = proposing[nx];
                 dx[lane] = xs[lane] as f32 - nx as f32;
                 self.weights[k][lane] = scores[xs[lane] / stride];
             });
-            each(|lane| {
+            each::<LANES>(|lane| {
                 let depth = depths[lane] + slopes_x[lane] * dx[lane] + slopes_y[lane] * dy - own[lane];
                 depths[lane] = depth.clamp(-FARTHEST, FARTHEST);
                 self.weights[k][lane] += leans[lane] * soft(depths[lane]);
@@ -241,7 +244,7 @@ impl Group {
         let mut sums = [[0.0; LANES]; 3];
         for (planes, shares) in self.planes.iter().zip(&self.weights) {
             for (sum, values) in sums.iter_mut().zip(planes) {
-                each(|lane| sum[lane] += shares[lane] * values[lane]);
+                each::<LANES>(|lane| sum[lane] += shares[lane] * values[lane]);
             }
         }
         sums
@@ -258,20 +261,14 @@ impl Group {
         };
         let (mut mean, mut of_leans) = ([0.0; LANES], [0.0; LANES]);
         for (planes, shares) in self.planes.iter().zip(&self.weights) {
-            each(|lane| mean[lane] += shares[lane] * gain(planes, lane));
+            each::<LANES>(|lane| mean[lane] += shares[lane] * gain(planes, lane));
         }
         for (planes, shares) in self.planes.iter().zip(&mut self.weights) {
-            each(|lane| {
+            each::<LANES>(|lane| {
                 shares[lane] *= gain(planes, lane) - mean[lane];
                 of_leans[lane] += shares[lane] * soft(planes[0][lane]);
             });
         }
         of_leans
     }
-}
-
-/// Calls `work` for every lane, in a loop that the compiler turns into vectors.
-#[inline(always)]
-fn each(work: impl FnMut(usize)) {
-    (0..LANES).for_each(work);
 }

@@ -66,3 +66,9 @@ pub(super) fn sum<S: Simd>(simd: S, values: &[f32]) -> f32 {
     let pairs = simd.add_f32s(simd.add_f32s(sums[0], sums[1]), simd.add_f32s(sums[2], sums[3]));
     simd.reduce_sum_f32s(pairs) + tail.iter().sum::<f32>()
 }
+
+/// Calls `work` for every lane, in a loop that the compiler turns into vectors.
+#[inline(always)]
+pub(super) fn each<const LANES: usize>(work: impl FnMut(usize)) {
+    (0..LANES).for_each(work);
+}

@@ -59,26 +59,12 @@ fn windows(map: &OnCard, conv: &Conv) -> OnCard {
     let card = Card::of(map);
     let windows = card.empty(&shape);
     let (cubes, units) = card.units(shape.iter().product());
-    unfold_kernel::launch(
-        &card.client,
-        cubes,
-        units,
-        values(map),
-        values(&windows),
-        conv.height as u32,
-        conv.width as u32,
-        rows as u32,
-        columns as u32,
-        conv.stride as u32,
-        conv.padding as u32,
-        conv.kernel as u32,
-    );
+    unfold_kernel::launch(&card.client, cubes, units, values(map), values(&windows), places(conv));
     windows
 }
 
 /// The gradient of the map from that of its windows.
 fn fold(windows: &OnCard, conv: &Conv) -> OnCard {
-    let (rows, columns) = conv.output_size();
     let shape = [conv.images, conv.inputs, conv.height, conv.width];
     if conv.kernel == 1 && conv.stride == 1 {
         return shaped(windows.clone(), &shape);
@@ -86,40 +72,37 @@ fn fold(windows: &OnCard, conv: &Conv) -> OnCard {
     let card = Card::of(windows);
     let map = card.empty(&shape);
     let (cubes, units) = card.units(shape.iter().product());
-    fold_kernel::launch(
-        &card.client,
-        cubes,
-        units,
-        values(windows),
-        values(&map),
-        conv.height as u32,
-        conv.width as u32,
-        rows as u32,
-        columns as u32,
-        conv.stride as u32,
-        conv.padding as u32,
-        conv.kernel as u32,
-    );
+    fold_kernel::launch(&card.client, cubes, units, values(windows), values(&map), places(conv));
     map
 }
 
-/// One unit per value of a window.
-#[cube(launch)]
-fn unfold_kernel(
-    map: &[f32],
-    windows: &mut [f32],
+/// Where windows lie in a map, for a kernel.
+#[derive(CubeType, CubeLaunch)]
+struct Places {
     height: u32,
     width: u32,
     rows: u32,
     columns: u32,
     stride: u32,
     padding: u32,
-    #[comptime] kernel: u32,
-) {
+    #[cube(comptime)]
+    kernel: u32,
+}
+
+fn places(conv: &Conv) -> PlacesLaunch {
+    let (rows, columns) = conv.output_size();
+    let [height, width, rows, columns] = [conv.height, conv.width, rows, columns].map(|size| size as u32);
+    PlacesLaunch::new(height, width, rows, columns, conv.stride as u32, conv.padding as u32, conv.kernel as u32)
+}
+
+/// One unit per value of a window.
+#[cube(launch)]
+fn unfold_kernel(map: &[f32], windows: &mut [f32], places: Places) {
     let i = ABSOLUTE_POS;
     if i >= windows.len() {
         terminate!();
     }
+    let Places { height, width, rows, columns, stride, padding, kernel } = places;
     let pixel = i as u32 % (rows * columns);
     let value = i as u32 / (rows * columns);
     let (tap, channel) = (value % (kernel * kernel), value / (kernel * kernel));
@@ -136,21 +119,12 @@ fn unfold_kernel(
 
 /// One unit per pixel and channel: the windows it is in.
 #[cube(launch)]
-fn fold_kernel(
-    windows: &[f32],
-    map: &mut [f32],
-    height: u32,
-    width: u32,
-    rows: u32,
-    columns: u32,
-    stride: u32,
-    padding: u32,
-    #[comptime] kernel: u32,
-) {
+fn fold_kernel(windows: &[f32], map: &mut [f32], places: Places) {
     let i = ABSOLUTE_POS;
     if i >= map.len() {
         terminate!();
     }
+    let Places { height, width, rows, columns, stride, padding, kernel } = places;
     let x = i as u32 % width + padding;
     let y = i as u32 / width % height + padding;
     let channel = i as u32 / (width * height);

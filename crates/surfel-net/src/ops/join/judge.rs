@@ -2,6 +2,7 @@
 //!
 //! Invariant: on the CPU and elsewhere it is the same function, whose hidden values only the CPU does without.
 
+use super::conv2d;
 use crate::ops::judge::{self, Inputs, Judge};
 use crate::ops::kernel::{Kernel, SLOTS, run, runs_on};
 use crate::ops::{count, relu};
@@ -32,26 +33,26 @@ impl Kernel for Judge {
 /// `[hidden]` of the positive part of the first, `[hidden, channels]`, and of the `context`, `[views, hidden, h, w]`.
 pub(crate) fn judged(known: Tensor<5>, context: Tensor<4>, weights: Tensor<2>, score: Tensor<1>) -> Tensor<4> {
     let ([views, proposals, channels, height, width], [hidden, _]) = (known.dims(), weights.dims());
-    count::tell_product(&[views, proposals, height, width, hidden, channels + 1]);
     let device = known.device();
-    let scores: Tensor<3> = if runs_on(&device) {
-        let judge = Judge { views, proposals, channels, hidden, pixels: height * width };
-        let [known, context] = [known.into_dispatch(), context.into_dispatch()];
-        run(&device, [known, context, weights.into_dispatch(), score.into_dispatch()], judge)
-    } else {
-        by_products(known, context, weights, score)
-    };
+    if !runs_on(&device) {
+        return by_layers(known, context, weights, score);
+    }
+    count::tell_product(&[views, proposals, height, width, hidden, channels + 1]);
+    let judge = Judge { views, proposals, channels, hidden, pixels: height * width };
+    let [known, context] = [known.into_dispatch(), context.into_dispatch()];
+    let scores: Tensor<3> = run(&device, [known, context, weights.into_dispatch(), score.into_dispatch()], judge);
     scores.reshape([views, proposals, height, width])
 }
 
-/// The same from operators that every device has.
-fn by_products(known: Tensor<5>, context: Tensor<4>, weights: Tensor<2>, score: Tensor<1>) -> Tensor<3> {
+/// The same by convolutions, which every device has.
+fn by_layers(known: Tensor<5>, context: Tensor<4>, weights: Tensor<2>, score: Tensor<1>) -> Tensor<4> {
     let ([views, proposals, channels, height, width], [hidden, _]) = (known.dims(), weights.dims());
-    let pixels = height * width;
-    let known: Tensor<3> = known.reshape([views * proposals, channels, pixels]);
-    let first: Tensor<4> = weights.unsqueeze::<3>().matmul(known).reshape([views, proposals, hidden, pixels]);
-    let values: Tensor<3> = relu(first + context.reshape([views, 1, hidden, pixels])).flatten(0, 1);
-    score.reshape([1, 1, hidden]).matmul(values).reshape([views, proposals, pixels])
+    let layer = |maps: Tensor<4>, weights: Tensor<4>| conv2d(maps, weights, None, 1, 0);
+    let known = known.reshape([views * proposals, channels, height, width]);
+    let first: Tensor<5> =
+        layer(known, weights.reshape([hidden, channels, 1, 1])).reshape([views, proposals, hidden, height, width]);
+    let values: Tensor<4> = relu(first + context.unsqueeze_dim(1)).flatten(0, 1);
+    layer(values, score.reshape([1, hidden, 1, 1])).reshape([views, proposals, height, width])
 }
 
 #[cfg(test)]
@@ -86,7 +87,7 @@ mod tests {
                 [values(scores), of(&known), of(&context), of(&weights), of(&score)]
             };
             let expected =
-                answer(|known, context, weights, score| by_products(known, context, weights, score).flatten(0, 2));
+                answer(|known, context, weights, score| by_layers(known, context, weights, score).flatten(0, 3));
             let found = answer(|known, context, weights, score| judged(known, context, weights, score).flatten(0, 3));
             for (expected, found) in expected.iter().zip(&found) {
                 assert_eq!(expected.len(), found.len());
