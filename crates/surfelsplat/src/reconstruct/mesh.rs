@@ -3,12 +3,8 @@
 //! Sixth step of the road; `surfel-mesh` does the work, this file says what the road asks of it.
 //! Invariant: where no map has depth there is an empty mesh, not an error.
 
-use super::maps::ViewMaps;
 use surfel_core::{Grid, TriMesh, View};
 use surfel_mesh::{ComponentReport, DepthView, MeshConfig, MeshError, MeshReport, TsdfConfig, mesh_from_views};
-
-/// Alpha from which a rendered pixel counts as surface.
-const SOLID: f32 = 0.5;
 
 /// An island of surface smaller than one triangle per this many solid pixels (about 0.1 % of them) is a floater.
 const PIXELS_PER_ISLAND_TRIANGLE: usize = 500;
@@ -20,14 +16,6 @@ pub struct MeshChoice {
     pub voxel: Option<f64>,
     /// Components to keep.
     pub keep_components: Option<usize>,
-}
-
-/// Depth of the pixels that surfels cover and whose confidence is at least `sure`; 0 elsewhere.
-pub fn solid_depth(maps: &ViewMaps, confidence: &Grid<f32>, sure: f32) -> Grid<f32> {
-    Grid::from_fn(maps.alpha.width(), maps.alpha.height(), |x, y| {
-        let solid = maps.alpha[(x, y)] >= SOLID && confidence[(x, y)] >= sure;
-        if solid { maps.depth[(x, y)] } else { 0.0 }
-    })
 }
 
 /// Fuses one depth map per view (z-depth, 0 = none), coloured by the photographs; frame and unit of the cameras.
@@ -67,24 +55,5 @@ fn nothing_fused() -> MeshReport {
         num_bytes: 0,
         extracted_triangles: 0,
         components: ComponentReport::default(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_thin_or_doubtful_is_a_hole() {
-        let row = |values: [f32; 4]| Grid::from_fn(4, 1, |x, _| values[x]);
-        let maps = ViewMaps {
-            depth: row([2.0; 4]),
-            normal: Grid::filled(4, 1, [0.0, 0.0, -1.0]),
-            alpha: row([0.9, 0.4, 0.9, 0.5]),
-            colour: Grid::filled(4, 1, [0.5; 3]),
-        };
-        let confidence = row([0.8, 0.8, 0.1, 0.2]);
-        assert_eq!(solid_depth(&maps, &confidence, 0.2), row([2.0, 0.0, 0.0, 2.0]));
-        assert_eq!(solid_depth(&maps, &confidence, 0.0), row([2.0, 0.0, 2.0, 2.0]));
     }
 }

@@ -16,6 +16,7 @@ pub mod options;
 pub mod outputs;
 pub mod progress;
 pub mod report;
+pub mod solid;
 pub mod surfels;
 pub mod working_frame;
 pub mod working_size;
@@ -28,11 +29,12 @@ pub use report::Report;
 use input::Input;
 use maps::{ViewMaps, render_views};
 use matched_range::MatchedRange;
-use mesh::{MeshChoice, mesh_from_depth, solid_depth};
+use mesh::{MeshChoice, mesh_from_depth};
 use network::{FirstScales, Learned};
 use outputs::{Outputs, write_report};
 use progress::Log;
 use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mib};
+use solid::{SolidDepth, measurable_depth, solid_depth};
 use std::path::Path;
 use surfel_core::{Grid, Similarity, Surfels, TriMesh, View};
 use surfel_io::write::{PlacedMesh, StagedDir};
@@ -77,6 +79,8 @@ pub struct Walked {
     first_scales: Option<FirstScales>,
     /// What the surfels show to each view, working frame.
     pub maps: Vec<ViewMaps>,
+    /// Pixels per view that show a surface too far away to be measured.
+    num_too_far: Vec<usize>,
     /// What of their depth the mesh is made of, working frame.
     meshed: Vec<Grid<f32>>,
     /// The surface, working frame.
@@ -107,14 +111,15 @@ impl Walked {
         let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
         let steps: Vec<f32> = estimates.iter().map(|estimate| estimate.step).collect();
         let maps = log.stage(Stage::Render, || render_views(&surfels, &road.views, &road.ranges, &steps))?;
-        let sure = options.depth.least_confidence();
-        let solid = |(maps, estimate): (&ViewMaps, &DepthEstimate)| solid_depth(maps, &estimate.confidence, sure);
-        let meshed: Vec<Grid<f32>> = maps.iter().zip(&estimates).map(solid).collect();
+        let solid = road.solid(&maps, &estimates, options.depth.least_confidence());
+        let num_too_far: Vec<usize> = solid.iter().map(|view| view.num_too_far).collect();
+        say_what_is_too_far(&solid, log);
+        let meshed: Vec<Grid<f32>> = solid.into_iter().map(|view| view.depth).collect();
         let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&meshed, options))?;
         if mesh.triangles.is_empty() {
             log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
         }
-        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, meshed, mesh, mesh_report })
+        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, num_too_far, meshed, mesh, mesh_report })
     }
 
     /// Scales of the surfels as first placed and as adapted to the sampling rate, working units, in the order of
@@ -196,12 +201,33 @@ impl Road {
         }
     }
 
+    /// What of each view's depth the mesh may be made of.
+    fn solid(&self, maps: &[ViewMaps], estimates: &[DepthEstimate], sure: f32) -> Vec<SolidDepth> {
+        let views = self.views.iter().zip(maps).zip(estimates);
+        let of_view = |((view, maps), estimate): ((&View, &ViewMaps), &DepthEstimate)| {
+            solid_depth(maps, &estimate.confidence, sure, measurable_depth(&view.camera))
+        };
+        views.map(of_view).collect()
+    }
+
     fn mesh(&self, depths: &[Grid<f32>], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {
         let choice = MeshChoice {
             voxel: options.voxel.map(|voxel| voxel * self.working_from_scene.scale),
             keep_components: options.keep_components,
         };
         mesh_from_depth(&self.views, depths, choice)
+    }
+}
+
+/// One sentence for a person who looks for the hills in the mesh.
+fn say_what_is_too_far(solid: &[SolidDepth], log: &Log) {
+    let (num_too_far, num_pixels) =
+        solid.iter().fold((0, 0), |(far, all), view| (far + view.num_too_far, all + view.depth.len()));
+    if num_too_far > 0 {
+        let share = 100.0 * num_too_far as f64 / num_pixels as f64;
+        log.say(format!(
+            "{share:.1} % of the pixels show what is too far to be measured by this baseline; the mesh leaves it out"
+        ));
     }
 }
 
@@ -236,6 +262,7 @@ impl Walked {
                 triangles: mesh.triangles.len(),
                 voxel: mesh_report.tsdf.voxel * unit,
                 truncation: mesh_report.tsdf.truncation * unit,
+                removed_too_far: self.num_too_far.clone(),
                 removed_border: masks.iter().map(|m| m.border).collect(),
                 removed_depth_edge: masks.iter().map(|m| m.depth_edge).collect(),
                 removed_grazing: masks.iter().map(|m| m.grazing).collect(),

@@ -104,7 +104,9 @@ pub struct MeshNumbers {
     pub voxel: f64,
     /// Truncation distance.
     pub truncation: f64,
-    /// Pixels removed before fusion, per view: at the image border.
+    /// Pixels removed before fusion, per view: too far away to be measured by the baseline.
+    pub removed_too_far: Vec<usize>,
+    /// ... at the image border.
     pub removed_border: Vec<usize>,
     /// ... at depth edges.
     pub removed_depth_edge: Vec<usize>,

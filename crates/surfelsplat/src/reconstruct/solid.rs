@@ -1,0 +1,89 @@
+//! What of the maps the surface may be made of: solid, believed, and near enough to be measured.
+//!
+//! Between rendering and the mesh. Invariant: a pixel is only ever left out, never changed, and what is left out for its
+//! distance alone is counted.
+
+use super::maps::ViewMaps;
+use surfel_core::{Camera, Grid};
+
+/// Alpha from which a rendered pixel counts as surface.
+const SOLID: f32 = 0.5;
+
+/// From where a surface is, the two cameras farthest from each other must stand at least this many pixels apart. Below,
+/// matches, good to a fraction of a pixel, cannot tell a hill from the sky, and a mesh would carry a shell around the
+/// scene at a distance that nobody measured.
+const LEAST_PARALLAX: f64 = 2.0;
+
+/// Depth of one view that a mesh may be made of.
+#[derive(Clone, Debug)]
+pub struct SolidDepth {
+    /// z-depth, working units; 0 = none.
+    pub depth: Grid<f32>,
+    /// Pixels left out only because they lie beyond [`measurable_depth`].
+    pub num_too_far: usize,
+}
+
+/// Depth of the pixels that surfels cover, whose confidence is at least `sure` and that are no farther than `farthest`,
+/// working units.
+pub fn solid_depth(maps: &ViewMaps, confidence: &Grid<f32>, sure: f32, farthest: f64) -> SolidDepth {
+    let mut num_too_far = 0;
+    let depth = Grid::from_fn(maps.alpha.width(), maps.alpha.height(), |x, y| {
+        let (z, solid) = (maps.depth[(x, y)], maps.alpha[(x, y)] >= SOLID && confidence[(x, y)] >= sure);
+        let too_far = f64::from(z) > farthest;
+        num_too_far += usize::from(solid && too_far);
+        if solid && !too_far { z } else { 0.0 }
+    });
+    SolidDepth { depth, num_too_far }
+}
+
+/// Largest z-depth from which the cameras are seen [`LEAST_PARALLAX`] of this camera's pixels apart, working units: the
+/// longest baseline is one.
+pub fn measurable_depth(camera: &Camera) -> f64 {
+    camera.intrinsics.mean_focal() / LEAST_PARALLAX
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DQuat, DVec3};
+    use surfel_core::{Intrinsics, Rigid};
+
+    fn row(values: [f32; 4]) -> Grid<f32> {
+        Grid::from_fn(4, 1, |x, _| values[x])
+    }
+
+    fn maps(depth: [f32; 4], alpha: [f32; 4]) -> ViewMaps {
+        ViewMaps {
+            depth: row(depth),
+            normal: Grid::filled(4, 1, [0.0, 0.0, -1.0]),
+            alpha: row(alpha),
+            colour: Grid::filled(4, 1, [0.5; 3]),
+        }
+    }
+
+    #[test]
+    fn what_is_thin_or_doubtful_is_a_hole() {
+        let maps = maps([2.0; 4], [0.9, 0.4, 0.9, 0.5]);
+        let confidence = row([0.8, 0.8, 0.1, 0.2]);
+        let solid = |sure| solid_depth(&maps, &confidence, sure, f64::INFINITY);
+        assert_eq!(solid(0.2).depth, row([2.0, 0.0, 0.0, 2.0]));
+        assert_eq!(solid(0.0).depth, row([2.0, 0.0, 2.0, 2.0]));
+        assert_eq!(solid(0.2).num_too_far, 0);
+    }
+
+    #[test]
+    fn what_is_too_far_to_measure_is_a_hole_and_counted() {
+        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 2.0, cy: 0.5 };
+        let camera = Camera { intrinsics, width: 4, height: 1, camera_from_world: Rigid::IDENTITY };
+        let farthest = measurable_depth(&camera);
+        let other = Camera { camera_from_world: Rigid::from_quat(DQuat::IDENTITY, DVec3::X), ..camera };
+        let point = DVec3::new(0.0, 0.0, farthest);
+        let parallax = (other.project(point).unwrap().0 - camera.project(point).unwrap().0).x;
+        assert!((parallax - LEAST_PARALLAX).abs() < 1e-12, "{parallax}");
+        // The last is thin: it is no surface, so it is not counted as a far one.
+        let maps = maps([2.0, 249.0, 251.0, 390.0], [1.0, 1.0, 1.0, 0.1]);
+        let solid = solid_depth(&maps, &row([1.0; 4]), 0.2, farthest);
+        assert_eq!(solid.depth, row([2.0, 249.0, 0.0, 0.0]));
+        assert_eq!(solid.num_too_far, 1);
+    }
+}
