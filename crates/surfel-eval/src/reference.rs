@@ -12,7 +12,7 @@ use surfel_io::depth::{read_depth_png16, read_pfm};
 use surfel_io::npy::{NpyError, Npz};
 use surfel_io::photo::ImageError;
 use surfel_io::ply::{PlyFileError, read_ply_file};
-use surfel_io::{FormatKind, Scene};
+use surfel_io::{FormatKind, Scene, SceneError};
 
 /// Reference points of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +35,9 @@ pub enum ReferenceError {
     /// The exact points or the mesh do not read.
     #[error(transparent)]
     ExactPoints(#[from] PlyFileError),
+    /// The cameras of a rectified pair do not read.
+    #[error(transparent)]
+    Cameras(#[from] SceneError),
     /// `meta.json` or the points lack something.
     #[error("{path}: {problem}")]
     Malformed {
@@ -89,7 +92,7 @@ impl Reference {
     /// Looks for a reference in a scene folder; `None` when there is none.
     ///
     /// # Errors
-    /// [`ReferenceError`] when there is one and it does not say its unit.
+    /// [`ReferenceError`] when there is one and it does not say its unit, or its cameras do not read.
     pub fn open(scene: &Path) -> Result<Option<Self>, ReferenceError> {
         let meta = scene.join("pseudo_gt/meta.json");
         let has = |extension: &str| files_of(&scene.join("depth"), extension).next().is_some();
@@ -99,7 +102,7 @@ impl Reference {
             Layout::Exact
         } else if has("png") {
             Layout::Sensor
-        } else if let Some(pair) = rectified_pair(scene) {
+        } else if let Some(pair) = rectified_pair(scene)? {
             Layout::Disparity(pair)
         } else if mesh_of(scene).is_some() {
             Layout::Mesh
@@ -186,16 +189,18 @@ fn mesh_of(scene: &Path) -> Option<PathBuf> {
     MESHES.iter().map(|name| scene.join(name)).find(|path| path.is_file())
 }
 
-/// The rectified pair of a scene whose disparity is known.
-fn rectified_pair(scene: &Path) -> Option<Rectified> {
-    disparities_of(scene, "im0")?;
-    let pair = Scene::open_as(scene, FormatKind::StereoCalib).ok()?;
+/// The rectified pair of a scene whose disparity is known; disparities without a `calib.txt` are no reference.
+fn rectified_pair(scene: &Path) -> Result<Option<Rectified>, ReferenceError> {
+    if disparities_of(scene, "im0").is_none() || !scene.join("calib.txt").is_file() {
+        return Ok(None);
+    }
+    let pair = Scene::open_as(scene, FormatKind::StereoCalib)?;
     let [left, right] = [0, 1].map(|side| pair.frames[side].pinhole());
-    Some(Rectified {
+    Ok(Some(Rectified {
         baseline_focal: (right.centre() - left.centre()).length() * left.intrinsics.fx,
         offset: right.intrinsics.cx - left.intrinsics.cx,
         width: left.width,
-    })
+    }))
 }
 
 /// The disparities of `im0` or `im1`.
@@ -294,6 +299,10 @@ mod tests {
         write("disp1GT.pfm", twice).unwrap();
         let (found, _) = reference.depth_of("im1", &camera()).unwrap().unwrap();
         assert!((found[(21, 10)] - depth()[(10, 5)]).abs() < 1e-5);
+        fs::write(scene.path().join("calib.txt"), calib.replace("baseline=0.4", "baseline=nan")).unwrap();
+        assert!(Reference::open(scene.path()).unwrap_err().to_string().contains("calib.txt"));
+        fs::remove_file(scene.path().join("calib.txt")).unwrap();
+        assert_eq!(Reference::open(scene.path()).unwrap(), None);
     }
 
     #[test]
