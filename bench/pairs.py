@@ -2,12 +2,13 @@
 """Many pairs of every development scene with a reference, and some larger sets of views, as Markdown: matching and
 network scored by one ruler.
 
-    bench/pairs.py SCENES OUT [WEIGHTS]
+    bench/pairs.py SCENES OUT [NAME=WEIGHTS ...]
 
-SCENES holds the development scenes in their original formats; OUT receives the results. WEIGHTS stand for those that
-ship. One pair may go one way or the other; a scene's mean over its pairs says more. The pairs of Middlebury's `cones` and
-`teddy` have no published focal length, so one is assumed: shares and relative errors do not depend on it. Needs
-numpy and opencv-python-headless; about ten minutes on two cores.
+SCENES holds the development scenes in their original formats; OUT receives the results. Files of WEIGHTS, of training
+runs or of this repository's history, get rows of their own under their NAME. One pair may go one way or the other; a
+scene's mean over its pairs says more. The pairs of Middlebury's `cones` and `teddy` have no published focal length, so
+one is assumed: shares and relative errors do not depend on it. Needs numpy and opencv-python-headless; about ten minutes
+on two cores, and four more for each file of weights.
 """
 import json
 import pathlib
@@ -65,17 +66,17 @@ def run(*arguments):
     return subprocess.run([TOOL, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
 
 
-def score(scene, views, size, method, weights, out):
-    """Means over the views of one reconstruction, and its Chamfer distances, scene units."""
-    extra = ["--weights", weights] if weights and method == "network" else []
-    run("--quiet", "reconstruct", scene, "--views", views, "--size", size, "--depth", method, *extra, "-o", out)
+def score(scene, views, size, depth, out):
+    """Means over the views of one reconstruction, and its Chamfer distances, scene units; `depth` is what the command
+    line says of the source of depth."""
+    run("--quiet", "reconstruct", scene, "--views", views, "--size", size, *depth, "-o", out)
     maps, surfaces = json.loads(run("eval", "depth", scene, out, "--json"))["tables"]
     mean = dict(zip(maps["columns"], maps["rows"][-1]))
     overall = {row[0]: row[-1] for row in surfaces["rows"]}
     return [mean[column] for column in COLUMNS] + [overall[surface] for surface in SURFACES]
 
 
-def table(kind, sets, scenes, out, weights):
+def table(kind, sets, scenes, out, methods):
     print(f"| scene | {kind} | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
     print("|---|---:|---|---:|---:|---:|---:|---:|")
     for name, size, views in sets:
@@ -83,32 +84,33 @@ def table(kind, sets, scenes, out, weights):
         if "middlebury" in name:
             scene = rectified(scene, out / "rectified" / scene.name)
         of_methods = {}
-        for method in ("matching", "network"):
+        for method, depth in methods.items():
             scores = []
             for chosen in views.split():
                 folder = out / f"{scene.name}.{chosen.replace(',', '_')}.{method}"
-                scores.append(score(scene, chosen, size, method, weights, folder))
+                scores.append(score(scene, chosen, size, depth, folder))
             of_methods[method] = np.array(scores)
-        matching, network = of_methods.values()
-        ahead = np.hstack([network[:, :1] > matching[:, :1], network[:, 1:] < matching[:, 1:]]).sum(axis=0)
-        count = len(network)
+        matching = of_methods["matching"]
         # Lengths as shares of matching's: scenes count in different units.
         for method, scores in of_methods.items():
             share, median, normals = scores[:, :3].mean(axis=0)
             ratios = np.exp(np.log(scores[:, 3:] / matching[:, 3:]).mean(axis=0))
-            wins = [f" ({n})" for n in ahead] if method == "network" else [""] * len(ahead)
+            ahead = np.hstack([scores[:, :1] > matching[:, :1], scores[:, 1:] < matching[:, 1:]]).sum(axis=0)
+            wins = [""] * len(ahead) if method == "matching" else [f" ({n})" for n in ahead]
             cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
             cells = [cell + win for cell, win in zip(cells, wins)]
-            print(f"| `{name}` at {size} | {count} | {method} |", " | ".join(cells), "|", flush=True)
+            print(f"| `{name}` at {size} | {len(scores)} | {method} |", " | ".join(cells), "|", flush=True)
 
 
 def main():
     scenes, out = map(pathlib.Path, sys.argv[1:3])
-    weights = sys.argv[3] if len(sys.argv) > 3 else None
+    methods = {"matching": ["--depth", "matching"], "network": ["--depth", "network"]}
+    for name, weights in (argument.split("=", 1) for argument in sys.argv[3:]):
+        methods[name] = ["--depth", "network", "--weights", weights]
     tables = ("Many pairs of every scene", "pairs", PAIRS), ("Three to five views at once", "sets", SETS)
     for heading, kind, sets in tables:
         print(f"## {heading}\n")
-        table(kind, sets, scenes, out, weights)
+        table(kind, sets, scenes, out, methods)
         print()
 
 
