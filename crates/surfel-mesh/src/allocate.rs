@@ -112,7 +112,7 @@ fn block_box(
     let ray = DVec3::new((x as f64 - cx) / fx, (y as f64 - cy) / fy, 1.0);
     let offset_at = |z: f64| observer.rotation.transpose() * (ray * z - observer.translation);
     let surface = offset_at(depth);
-    let truncation = config.truncation / lattice.voxel * lattice.spacing(surface);
+    let truncation = config.truncation / lattice.voxel * lattice.spacing(surface) / f64::from(observer.shrink(x, y));
     let ends = [offset_at(depth - half_rise), surface, offset_at(depth + half_rise + truncation)];
     let ends = ends.map(|offset| lattice.grid_from_offset(offset));
     // Half a pixel to each side, its diagonal, and the stretch of the compressed part.
@@ -130,12 +130,10 @@ fn block_box(
 
 /// How far the interpolated surface leaves the pixel's own depth inside the pixel, voxels.
 fn half_rise(observer: &Observer<'_>, x: usize, y: usize, depth: f64) -> f64 {
-    let rise = |nx: usize, ny: usize| {
-        let inside = nx < observer.width && ny < observer.height;
-        let neighbour = if inside { observer.pixel_depth(nx, ny) } else { None };
-        neighbour.filter(|&n| observer.same_surface(depth, n)).map_or(0.0, |n| (n - depth).abs())
+    let largest = |rises: [Option<f32>; 2]| {
+        let away = |rise: f32| (depth / (1.0 + f64::from(rise) * depth) - depth).abs();
+        rises.into_iter().flatten().map(away).fold(0.0, f64::max)
     };
-    let across = rise(x.wrapping_sub(1), y).max(rise(x + 1, y));
-    let down = rise(x, y.wrapping_sub(1)).max(rise(x, y + 1));
+    let [across, down] = observer.rises(x, y).map(largest);
     0.5 * (across + down)
 }

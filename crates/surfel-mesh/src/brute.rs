@@ -1,10 +1,12 @@
 //! The slow obvious twins: a dense field straight from the formula, and marching cubes one cube at a time.
 //!
-//! For tests. They share the case table and the definition of the grid with the fast path and nothing else.
+//! For tests. They share the case table, the definition of the grid and the rule of what is one surface with the fast
+//! path, and nothing else.
 
 use crate::{
     DepthView, Tsdf, TsdfConfig,
     cases::{CASES, edge_corners},
+    continuity::Continuity,
     extract::is_torn,
     tsdf::lattice_of,
     vertex::crossing,
@@ -26,13 +28,18 @@ pub fn dense_field(views: &[DepthView<'_>], config: &TsdfConfig, low: IVec3, hig
                 let offset = lattice.offset_from_grid(voxel.as_dvec3());
                 let (mut sum, mut total) = (0.0, 0.0);
                 for view in views {
+                    let pixels = Pixels {
+                        view,
+                        continuity: Continuity::new(config.max_depth_jump, view.camera.intrinsics.mean_focal()),
+                    };
                     let Some((pixel, z)) = view.camera.project(lattice.world_from_offset(offset)) else {
                         continue;
                     };
-                    let Some((depth, weight)) = depth_at(view, pixel - 0.5, config.max_depth_jump) else {
+                    let Some((depth, weight, nearest)) = pixels.sample(pixel - 0.5) else {
                         continue;
                     };
-                    let distance = (depth - z) / (config.voxel * lattice.spacing(offset));
+                    let distance =
+                        pixels.shrink(nearest, truncation) * (depth - z) / (config.voxel * lattice.spacing(offset));
                     if distance >= -truncation {
                         sum += weight * distance.min(truncation);
                         total += weight;
@@ -47,49 +54,73 @@ pub fn dense_field(views: &[DepthView<'_>], config: &TsdfConfig, low: IVec3, hig
     field
 }
 
-/// Depth and weight at index coordinates, by the rule of the fast path.
-fn depth_at(view: &DepthView<'_>, pixel: DVec2, max_jump: f64) -> Option<(f64, f64)> {
-    let usable = |grid: &Grid<f32>, x: f64, y: f64| {
-        let value = grid.get(x as isize, y as isize).copied().unwrap_or(0.0);
-        (value.is_finite() && value > 0.0).then_some(f64::from(value))
-    };
-    let weight = |x, y| view.weight.map_or(Some(1.0), |weight| usable(weight, x, y));
-    let depth = |x, y| usable(view.depth, x, y).filter(|_| weight(x, y).is_some());
-    let nearest = (pixel + 0.5).floor();
-    if nearest.min_element() < 0.0 || nearest.x >= view.camera.width as f64 || nearest.y >= view.camera.height as f64 {
-        return None;
+/// The pixels of a view in double precision, by the rules of the fast path.
+struct Pixels<'a> {
+    view: &'a DepthView<'a>,
+    continuity: Continuity,
+}
+
+impl Pixels<'_> {
+    fn weight(&self, at: DVec2) -> Option<f64> {
+        self.view.weight.map_or(Some(1.0), |weight| usable(weight, at))
     }
-    let corner = pixel.floor();
-    let part = pixel - corner;
-    let square: Vec<f64> = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-        .iter()
-        .filter_map(|(x, y)| depth(corner.x + x, corner.y + y))
-        .collect();
-    let near = square.iter().copied().fold(f64::INFINITY, f64::min);
-    let far = square.iter().copied().fold(0.0, f64::max);
-    let inverse = if square.len() == 4 && far <= near * (1.0 + max_jump) {
-        let top = (1.0 - part.x) / square[0] + part.x / square[1];
-        let bottom = (1.0 - part.x) / square[2] + part.x / square[3];
-        (1.0 - part.y) * top + part.y * bottom
-    } else {
-        let here = depth(nearest.x, nearest.y)?;
-        let slope = |step: DVec2| {
-            let rises: Vec<f64> = [-1.0, 1.0]
-                .iter()
-                .filter_map(|sign| {
-                    let at = nearest + step * *sign;
-                    let there = depth(at.x, at.y)?;
-                    let same = here.max(there) <= here.min(there) * (1.0 + max_jump);
-                    same.then_some(sign * (1.0 / there - 1.0 / here))
-                })
-                .collect();
-            rises.iter().sum::<f64>() / rises.len().max(1) as f64
+
+    /// Inverse depth of a pixel, index coordinates.
+    fn inverse(&self, at: DVec2) -> Option<f64> {
+        usable(self.view.depth, at).filter(|_| self.weight(at).is_some()).map(|depth| 1.0 / depth)
+    }
+
+    /// Whether a pixel and the one a `step` further are one surface.
+    fn joins(&self, at: DVec2, step: DVec2) -> bool {
+        self.continuity.joins([-1.0, 0.0, 1.0, 2.0].map(|n| self.inverse(at + step * n).unwrap_or(0.0)))
+    }
+
+    /// Slope of inverse depth along a step, from those neighbours that are on the pixel's surface.
+    fn slope(&self, at: DVec2, step: DVec2) -> Option<f64> {
+        let rise = |from: DVec2| Some(self.inverse(from + step)? - self.inverse(from)?);
+        let rises: Vec<f64> =
+            [at - step, at].into_iter().filter(|from| self.joins(*from, step)).filter_map(rise).collect();
+        (!rises.is_empty()).then(|| rises.iter().sum::<f64>() / rises.len() as f64)
+    }
+
+    /// Depth and weight at index coordinates, and the pixel they are of.
+    fn sample(&self, at: DVec2) -> Option<(f64, f64, DVec2)> {
+        let nearest = (at + 0.5).floor();
+        let (corner, part) = (at.floor(), at - at.floor());
+        let [right, below] = [corner + DVec2::X, corner + DVec2::Y];
+        let sides = [(corner, DVec2::X), (below, DVec2::X), (corner, DVec2::Y), (right, DVec2::Y)];
+        let inverse = if sides.iter().all(|(from, step)| self.joins(*from, *step)) {
+            let [top, bottom] = [corner, below]
+                .map(|from| Some((1.0 - part.x) * self.inverse(from)? + part.x * self.inverse(from + DVec2::X)?));
+            (1.0 - part.y) * top? + part.y * bottom?
+        } else {
+            let beside = at - nearest;
+            let slope = |step| self.slope(nearest, step).unwrap_or(0.0);
+            self.inverse(nearest)? + slope(DVec2::X) * beside.x + slope(DVec2::Y) * beside.y
         };
-        let beside = pixel - nearest;
-        1.0 / here + slope(DVec2::X) * beside.x + slope(DVec2::Y) * beside.y
-    };
-    let depth = 1.0 / inverse;
-    Some((depth, weight(nearest.x, nearest.y)?))
+        Some((1.0 / inverse, self.weight(nearest)?, nearest))
+    }
+
+    /// What a distance along z counts at a pixel: at a grazing angle so little that a band of `truncation` along z is a
+    /// voxel's diagonal thick across the surface. The surface is the plane through three points beside the pixel.
+    fn shrink(&self, at: DVec2, truncation: f64) -> f64 {
+        let plane = || {
+            let (here, across, down) = (self.inverse(at)?, self.slope(at, DVec2::X)?, self.slope(at, DVec2::Y)?);
+            let point = |step: DVec2, inverse: f64| self.view.camera.ray(at + 0.5 + step) / inverse;
+            // Small steps, so that the plane does not meet infinity on the way.
+            let [a, b] = [(DVec2::X, across), (DVec2::Y, down)]
+                .map(|(step, slope)| point(step * 1e-3, here + slope * 1e-3) - point(DVec2::ZERO, here));
+            let ray = self.view.camera.ray(at + 0.5);
+            Some(a.cross(b).normalize().dot(ray).abs())
+        };
+        plane().map_or(1.0, |cosine| (cosine.max(0.05) * truncation / 3.0_f64.sqrt()).min(1.0))
+    }
+}
+
+/// A finite positive value of a pixel.
+fn usable(grid: &Grid<f32>, at: DVec2) -> Option<f64> {
+    let value = grid.get(at.x as isize, at.y as isize).copied().unwrap_or(0.0);
+    (value.is_finite() && value > 0.0).then_some(f64::from(value))
 }
 
 /// The triangles of a fused field as loose corner positions, cube by cube over the whole bounding box: the

@@ -31,7 +31,7 @@ impl Default for MeshConfig {
     }
 }
 
-/// Cosine below which angles are not told apart: 84 degrees, beyond what the mask keeps by default.
+/// Cosine below which angles are not told apart: 84 degrees, where the mask ends by default.
 const MIN_COSINE: f64 = 0.1;
 
 /// What [`mesh_from_views`] chose, removed and made.

@@ -10,6 +10,7 @@ mod allocate;
 pub mod brute;
 mod cases;
 mod components;
+mod continuity;
 mod error;
 mod extract;
 mod from_views;

@@ -4,7 +4,7 @@
 //! Runs on one rendered map before fusion. Invariant: a pixel is only ever removed, never changed, and each
 //! removal is counted once, under the first reason in the order of [`MaskCounts`].
 
-use crate::{normals_to_the_rim, view::is_depth};
+use crate::{continuity::Continuity, normals_to_the_rim, view::is_depth};
 use surfel_core::{Camera, Grid};
 
 /// What counts as unreliable.
@@ -12,7 +12,8 @@ use surfel_core::{Camera, Grid};
 pub struct MaskConfig {
     /// Largest angle between the normal and the direction to the camera, degrees; 90 or more keeps all.
     pub max_angle_deg: f64,
-    /// Largest difference to the four neighbours, as a fraction of the nearer depth; infinite keeps all.
+    /// Largest difference to the four neighbours, as a fraction of the nearer depth, unless both lie on a plane that
+    /// is seen at a grazing angle; infinite keeps all.
     pub max_depth_jump: f64,
     /// Width of the frame of pixels removed along the image border, pixels.
     pub border: usize,
@@ -20,7 +21,7 @@ pub struct MaskConfig {
 
 impl Default for MaskConfig {
     fn default() -> Self {
-        Self { max_angle_deg: 80.0, max_depth_jump: 0.02, border: 4 }
+        Self { max_angle_deg: 84.0, max_depth_jump: 0.02, border: 1 }
     }
 }
 
@@ -57,6 +58,7 @@ pub fn mask_unreliable(
     let own_normals = normals.is_none().then(|| normals_to_the_rim(depth, &camera.intrinsics));
     let normals = normals.or(own_normals.as_ref());
     let min_facing = config.max_angle_deg.clamp(0.0, 90.0).to_radians().cos();
+    let continuity = Continuity::new(config.max_depth_jump, camera.intrinsics.mean_focal());
     let mut counts = MaskCounts::default();
     let masked = Grid::from_fn(depth.width(), depth.height(), |x, y| {
         let normal = normals.and_then(|normals| normals.get(x as isize, y as isize).copied().flatten());
@@ -64,7 +66,7 @@ pub fn mask_unreliable(
             &mut counts.without_depth
         } else if in_border(depth, x, y, config.border) {
             &mut counts.border
-        } else if largest_jump(depth, x, y) > config.max_depth_jump {
+        } else if at_edge(depth, x, y, continuity) {
             &mut counts.depth_edge
         } else if config.max_angle_deg < 90.0 && normal.is_some_and(|n| facing(camera, x, y, n) < min_facing) {
             &mut counts.grazing
@@ -88,13 +90,14 @@ fn in_border(depth: &Grid<f32>, x: usize, y: usize, border: usize) -> bool {
     x < border || y < border || x + border >= depth.width() || y + border >= depth.height()
 }
 
-/// Largest relative difference to the four neighbours that have depth.
-fn largest_jump(depth: &Grid<f32>, x: usize, y: usize) -> f64 {
-    let here = f64::from(depth[(x, y)]);
-    [(-1, 0), (1, 0), (0, -1), (0, 1)]
-        .iter()
-        .filter_map(|(dx, dy)| depth.get(x as isize + dx, y as isize + dy).copied())
-        .filter(|&there| is_depth(there))
-        .map(|there| (f64::from(there) - here).abs() / here.min(f64::from(there)))
-        .fold(0.0, f64::max)
+/// True when one of the four neighbours that have depth is on another surface.
+fn at_edge(depth: &Grid<f32>, x: usize, y: usize, continuity: Continuity) -> bool {
+    let inverse = |dx: isize, dy: isize| {
+        let z = depth.get(x as isize + dx, y as isize + dy).copied().filter(|&z| is_depth(z));
+        z.map_or(0.0, |z| 1.0 / f64::from(z))
+    };
+    [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().any(|(dx, dy)| {
+        let row = [-1, 0, 1, 2].map(|step| inverse(step * dx, step * dy));
+        row[2] > 0.0 && !continuity.joins(row)
+    })
 }

@@ -1,10 +1,11 @@
 //! A depth map made ready for lookups from the voxel grid.
 //!
 //! Depths are stored inverted and in voxels: inverse depth is affine in the pixel for any plane, so bilinear
-//! interpolation reproduces planes exactly. Invariant: stored inverse depths are finite and >= 0, 0 = none.
+//! interpolation reproduces planes exactly. Invariant: stored inverse depths are finite and >= 0, 0 = none; a pixel
+//! without depth joins no neighbour.
 
-use crate::{DepthView, TsdfConfig, lattice::Lattice};
-use glam::{DMat3, DVec3};
+use crate::{DepthView, TsdfConfig, continuity::Continuity, lattice::Lattice};
+use glam::{DMat3, DVec3, Vec3};
 use surfel_core::Grid;
 
 /// A view in the units and origin of the lattice.
@@ -23,9 +24,14 @@ pub(crate) struct Observer<'a> {
     inverse_depth: Vec<f32>,
     weight: Option<&'a Grid<f32>>,
     colour: &'a Grid<[f32; 3]>,
-    /// Largest ratio of depths within a 2x2 cell that is still one surface.
-    max_ratio: f32,
+    /// Per pixel whether it and its neighbour to the right, below, are one surface.
+    joins: Vec<[bool; 2]>,
+    /// Per pixel the factor from distance along z to what the field holds, see [`Observer::shrink_of`].
+    shrink: Vec<f32>,
 }
+
+/// Smallest cosine between line of sight and normal that [`Observer::shrink_of`] tells apart: 87 degrees.
+const LEAST_COSINE: f32 = 0.05;
 
 /// A depth lookup.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +40,8 @@ pub(crate) struct Sample {
     pub depth: f32,
     /// Confidence of the nearest pixel.
     pub weight: f32,
+    /// Of the nearest pixel: what a distance along z counts in the field, at most 1.
+    pub shrink: f32,
 }
 
 /// How to interpolate at an image position.
@@ -54,7 +62,7 @@ impl<'a> Observer<'a> {
         let centre = -(pose.rotation.transpose() * translation);
         let focal = camera.intrinsics.mean_focal();
         let mut num_cut = 0;
-        let inverse_depth = (0..view.depth.len())
+        let inverse_depth: Vec<f32> = (0..view.depth.len())
             .map(|index| {
                 let Some(depth) = view.depth_at(index) else {
                     return 0.0;
@@ -71,7 +79,7 @@ impl<'a> Observer<'a> {
             })
             .collect();
         let principal = camera.intrinsics.principal_index();
-        let observer = Self {
+        let mut observer = Self {
             rotation: pose.rotation,
             translation,
             focal: [camera.intrinsics.fx as f32, camera.intrinsics.fy as f32],
@@ -81,8 +89,13 @@ impl<'a> Observer<'a> {
             inverse_depth,
             weight: view.weight,
             colour: view.colour,
-            max_ratio: 1.0 + config.max_depth_jump as f32,
+            joins: Vec::new(),
+            shrink: Vec::new(),
         };
+        let continuity = Continuity::new(config.max_depth_jump, focal);
+        observer.joins = observer.pixels().map(|(x, y)| observer.joins_of(x, y, continuity)).collect();
+        let truncation = (config.truncation / config.voxel) as f32;
+        observer.shrink = observer.pixels().map(|(x, y)| observer.shrink_of(x, y, truncation)).collect();
         (observer, num_cut)
     }
 
@@ -92,9 +105,51 @@ impl<'a> Observer<'a> {
         (inverse > 0.0).then(|| 1.0 / f64::from(inverse))
     }
 
-    /// True when two depths belong to one surface.
-    pub fn same_surface(&self, a: f64, b: f64) -> bool {
-        a.max(b) <= a.min(b) * f64::from(self.max_ratio)
+    fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let width = self.width;
+        (0..width * self.height).map(move |index| (index % width, index / width))
+    }
+
+    fn joins_of(&self, x: usize, y: usize, continuity: Continuity) -> [bool; 2] {
+        [(1, 0), (0, 1)].map(|(dx, dy)| {
+            continuity.joins([-1, 0, 1, 2].map(|step| {
+                let (x, y) = (x as isize + step * dx, y as isize + step * dy);
+                let inside = (0..self.width as isize).contains(&x) && (0..self.height as isize).contains(&y);
+                if inside { f64::from(self.inverse_depth[y as usize * self.width + x as usize]) } else { 0.0 }
+            }))
+        })
+    }
+
+    /// Rises of inverse depth from a pixel to those of its neighbours before and after it that are on its surface; along
+    /// x, then along y.
+    pub fn rises(&self, x: usize, y: usize) -> [[Option<f32>; 2]; 2] {
+        let pixel = y * self.width + x;
+        let here = self.inverse_depth[pixel];
+        [(x, 1), (y, self.width)].into_iter().enumerate().fold([[None; 2]; 2], |mut rises, (axis, (place, step))| {
+            let before = place > 0 && self.joins[pixel - step][axis];
+            rises[axis][0] = before.then(|| self.inverse_depth[pixel - step] - here);
+            rises[axis][1] = self.joins[pixel][axis].then(|| self.inverse_depth[pixel + step] - here);
+            rises
+        })
+    }
+
+    /// What a distance along z counts in the field: 1 on most surfaces, less on those that are seen at a grazing angle.
+    ///
+    /// The band of `truncation` voxels along z is `truncation * cosine` thick across the surface, and marching cubes needs
+    /// the diagonal of a voxel. Counting less along z makes the band longer there, so that across it has its diagonal.
+    fn shrink_of(&self, x: usize, y: usize, truncation: f32) -> f32 {
+        let here = self.inverse_depth[y * self.width + x];
+        let [Some(across), Some(down)] = self.rises(x, y).map(slope_of) else { return 1.0 };
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        // Normal over distance to the origin of the plane whose inverse depth is affine with these slopes.
+        let normal = Vec3::new(fx * across, fy * down, here - across * (x as f32 - cx) - down * (y as f32 - cy));
+        let cosine = (here / normal.length()).max(LEAST_COSINE);
+        (cosine * truncation / 3.0_f32.sqrt()).min(1.0)
+    }
+
+    /// Of a pixel, see [`Self::shrink_of`].
+    pub fn shrink(&self, x: usize, y: usize) -> f32 {
+        self.shrink[y * self.width + x]
     }
 
     /// Image position (index coordinates) and z-depth (voxels) of an offset in front of the camera.
@@ -114,7 +169,7 @@ impl<'a> Observer<'a> {
             Cell::Edge(pixel, at) => self.on_tangent_plane(pixel, at),
         };
         let weight = self.weight.map_or(1.0, |w| w.as_slice()[nearest]);
-        (inverse > 0.0).then(|| Sample { depth: 1.0 / inverse, weight })
+        (inverse > 0.0).then(|| Sample { depth: 1.0 / inverse, weight, shrink: self.shrink[nearest] })
     }
 
     /// Colour at an image position, bilinear within one surface, else that of the nearest pixel; `None`
@@ -144,9 +199,9 @@ impl<'a> Observer<'a> {
         if u >= 0.0 && v >= 0.0 && u < width - 1.0 && v < height - 1.0 {
             let (left, top) = (u as usize, v as usize);
             let corner = top * self.width + left;
-            let [a, b, c, d] = self.square(corner);
-            let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
-            if low > 0.0 && high <= low * self.max_ratio {
+            let below = corner + self.width;
+            let ([right, down], [right_below, _]) = (self.joins[corner], self.joins[below]);
+            if right && down && right_below && self.joins[corner + 1][1] {
                 return Some((nearest, Cell::Smooth(corner, [u - left as f32, v - top as f32])));
             }
         }
@@ -166,21 +221,19 @@ impl<'a> Observer<'a> {
         if here <= 0.0 {
             return 0.0;
         }
-        let (x, y) = (pixel % self.width, pixel / self.width);
-        let rise = |inside: bool, neighbour: usize| {
-            let there = if inside { self.inverse_depth[neighbour] } else { 0.0 };
-            let same = there > 0.0 && there.max(here) <= there.min(here) * self.max_ratio;
-            same.then_some(there - here)
-        };
-        let slope = |before: Option<f32>, after: Option<f32>| match (before, after) {
-            (Some(before), Some(after)) => (after - before) / 2.0,
-            (None, Some(after)) => after,
-            (Some(before), None) => -before,
-            (None, None) => 0.0,
-        };
-        let across = slope(rise(x > 0, pixel.wrapping_sub(1)), rise(x + 1 < self.width, pixel + 1));
-        let down = slope(rise(y > 0, pixel.wrapping_sub(self.width)), rise(y + 1 < self.height, pixel + self.width));
+        let [across, down] =
+            self.rises(pixel % self.width, pixel / self.width).map(|rises| slope_of(rises).unwrap_or(0.0));
         here + across * du + down * dv
+    }
+}
+
+/// Slope per pixel from the rises to the neighbours before and after, those that there are.
+fn slope_of(rises: [Option<f32>; 2]) -> Option<f32> {
+    match rises {
+        [Some(before), Some(after)] => Some((after - before) / 2.0),
+        [None, Some(after)] => Some(after),
+        [Some(before), None] => Some(-before),
+        [None, None] => None,
     }
 }
 

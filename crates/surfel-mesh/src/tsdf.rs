@@ -2,8 +2,9 @@
 //!
 //! Sits between the depth maps and marching cubes. The field is the weighted mean over views of
 //! `depth(pixel) - z` in local voxels, clipped at `+truncation`; a view says nothing about voxels more than
-//! `truncation` behind its surface, and counts voxels in front of it as free. Invariant: `NaN` exactly where
-//! no view has spoken.
+//! `truncation` behind its surface, and counts voxels in front of it as free. On surfaces seen at a grazing angle the
+//! distance counts for less, so that the band stays thick enough across them ([`Observer`]). Invariant: `NaN` exactly
+//! where no view has spoken.
 
 use crate::{
     DepthView, MeshError,
@@ -24,15 +25,16 @@ pub struct TsdfConfig {
     /// Distance from the mean camera centre up to which all voxels have edge `voxel`, scene units; beyond,
     /// they grow in proportion to distance. Infinite: never.
     pub uniform_radius: f64,
-    /// Depths of a 2x2 pixel cell that differ by more than this fraction are not interpolated.
+    /// Neighbouring depths that differ by more than this fraction, from each other and from a plane, are not
+    /// interpolated.
     pub max_depth_jump: f64,
     /// Upper limit of the voxels' memory, bytes.
     pub max_bytes: usize,
 }
 
 impl TsdfConfig {
-    /// Truncation in voxels: the upper end of spec 6.2, so that surfaces up to 78 degrees from
-    /// fronto-parallel keep both sides of a crossing inside the band.
+    /// Truncation in voxels: the upper end of spec 6.2, so that surfaces up to 70 degrees from fronto-parallel keep all
+    /// corners of a crossed cube inside the band; for steeper ones the band grows.
     pub const TRUNCATION_VOXELS: f64 = 5.0;
 
     /// Pixels wider than this many voxels carry no detail a voxel could hold; they are cut and counted.
@@ -250,7 +252,7 @@ fn integrate_cubic(sums: &mut Sums, first: DVec3, observer: &Observer<'_>, trunc
             }
             if let Some(sample) = observer.sample(fx * p.x * scale + cx, fy * p.y * scale + cy) {
                 let index = row as usize * BLOCK as usize + x;
-                sums.add(index, sample.depth - p.z, sample.weight, truncation);
+                sums.add(index, (sample.depth - p.z) * sample.shrink, sample.weight, truncation);
             }
         }
     }
@@ -264,7 +266,7 @@ fn integrate_compressed(sums: &mut Sums, first: DVec3, observer: &Observer<'_>, 
             continue;
         };
         if let Some(sample) = observer.sample(u, v) {
-            let distance = (sample.depth - z) / lattice.spacing(offset) as f32;
+            let distance = (sample.depth - z) * sample.shrink / lattice.spacing(offset) as f32;
             sums.add(index, distance, sample.weight, truncation);
         }
     }

@@ -62,7 +62,8 @@ fn the_number_of_threads_changes_nothing() {
 #[test]
 fn masks_count_every_pixel_once() {
     let shots = sphere_and_wall();
-    let config = MeshConfig { mask: MaskConfig { max_angle_deg: 60.0, ..MaskConfig::default() }, ..Default::default() };
+    let mask = MaskConfig { max_angle_deg: 60.0, border: 4, ..MaskConfig::default() };
+    let config = MeshConfig { mask, ..MeshConfig::default() };
     let (_, report) = mesh_from_views(&views(&shots), &config).unwrap();
     for (counts, shot) in report.masks.iter().zip(&shots) {
         let total = counts.without_depth + counts.border + counts.depth_edge + counts.grazing + counts.kept;

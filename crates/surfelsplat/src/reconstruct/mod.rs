@@ -34,7 +34,7 @@ use network::{FirstScales, Learned};
 use outputs::{Outputs, write_report};
 use progress::Log;
 use report::{MeshNumbers, SurfelReport, ViewReport, WorkingFrame, peak_memory_mib};
-use solid::{SolidDepth, measurable_depth, solid_depth};
+use solid::{LeastConfidence, SolidDepth, solid_depth};
 use std::path::Path;
 use surfel_core::{Grid, Similarity, Surfels, TriMesh, View};
 use surfel_io::write::{PlacedMesh, StagedDir};
@@ -202,12 +202,9 @@ impl Road {
     }
 
     /// What of each view's depth the mesh may be made of.
-    fn solid(&self, maps: &[ViewMaps], estimates: &[DepthEstimate], sure: f32) -> Vec<SolidDepth> {
+    fn solid(&self, maps: &[ViewMaps], estimates: &[DepthEstimate], least: LeastConfidence) -> Vec<SolidDepth> {
         let views = self.views.iter().zip(maps).zip(estimates);
-        let of_view = |((view, maps), estimate): ((&View, &ViewMaps), &DepthEstimate)| {
-            solid_depth(maps, &estimate.confidence, sure, measurable_depth(&view.camera))
-        };
-        views.map(of_view).collect()
+        views.map(|((view, maps), found)| solid_depth(maps, &view.camera, &found.confidence, least)).collect()
     }
 
     fn mesh(&self, depths: &[Grid<f32>], options: &Options) -> Result<(TriMesh, MeshReport), surfel_mesh::MeshError> {

@@ -1,5 +1,6 @@
 //! What a person may choose about a reconstruction; everything left `None` is chosen from the data and reported.
 
+use crate::reconstruct::solid::LeastConfidence;
 use crate::reconstruct::surfels::SurfelConfig;
 use std::sync::Arc;
 use surfel_io::scene::{FormatKind, Scene};
@@ -50,11 +51,11 @@ pub enum DepthSource {
 
 impl DepthSource {
     /// Confidence below which a pixel's depth enters no mesh: a hole rather than a lie. Where it is not learned it is no
-    /// probability, and leaving pixels out by it costs more surface than it mends.
-    pub fn least_confidence(&self) -> f32 {
+    /// probability; leaving pixels out by it then costs more surface than it mends, and tells no ground from an edge.
+    pub fn least_confidence(&self) -> LeastConfidence {
         match self {
-            Self::Matching => 0.0,
-            Self::Network(_) => 0.2,
+            Self::Matching => LeastConfidence { anywhere: 0.0, grazing: f32::INFINITY },
+            Self::Network(_) => LeastConfidence { anywhere: 0.2, grazing: 0.5 },
         }
     }
 
