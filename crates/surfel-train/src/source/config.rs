@@ -63,6 +63,10 @@ pub struct Scans {
     /// Sharpening by the cameras, least and most.
     #[serde(default)]
     pub sharpening: [f64; 2],
+    /// How far cameras are from where they are said to look: pixels across the epipolar lines, the most that a scene's
+    /// standard deviation can be.
+    #[serde(default)]
+    pub turned_px: f64,
 }
 
 /// Analytic shapes have no settings of their own.
@@ -175,13 +179,16 @@ impl Scenes {
     /// What tells these scenes from others of their kind, as part of the name of a folder.
     fn name(&self) -> String {
         match self {
-            Self::Scans(Scans { room_share, street_share, pair_angle_deg: [least, most], defects, sharpening }) => {
+            Self::Scans(scans) => {
+                let Scans { room_share, street_share, pair_angle_deg: [least, most], defects, sharpening, turned_px } =
+                    scans;
                 let [rooms, streets, defects] =
                     [room_share, street_share, defects].map(|share| (100.0 * share).round());
                 let streets = if streets > 0.0 { format!("-{streets}streets") } else { String::new() };
                 let [dull, sharp] = sharpening.map(|amount| (100.0 * amount).round());
                 let sharpening = if sharp > 0.0 { format!("-{dull}to{sharp}sharp") } else { String::new() };
-                format!("-{rooms}rooms{streets}-{least}to{most}deg-{defects}defects{sharpening}")
+                let turned = if *turned_px > 0.0 { format!("-{}turned", 100.0 * turned_px) } else { String::new() };
+                format!("-{rooms}rooms{streets}-{least}to{most}deg-{defects}defects{sharpening}{turned}")
             }
             Self::Analytic(_) => String::new(),
             Self::Re10k(clips) | Self::Acid(clips) => {
@@ -236,6 +243,9 @@ impl SourceConfig {
                     )),
                     _ => Ok(()),
                 }
+            }
+            Scenes::Scans(Scans { turned_px, .. }) if !(0.0..=10.0).contains(turned_px) => {
+                fault(format!("has turned_px = {turned_px}; it is 0 to 10 pixels"))
             }
             Scenes::Dtu(Dtu { light, .. }) if *light > 6 => fault(format!("has light = {light}; it is one of 0 to 6")),
             _ => Ok(()),

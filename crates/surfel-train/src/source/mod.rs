@@ -8,6 +8,7 @@ mod config;
 mod data_set;
 mod photographed;
 mod rendered;
+mod turned;
 
 pub use config::{Analytic, Beginning, BlendedMvs, Clips, Dtu, Scans, Scenes, SourceConfig};
 

@@ -4,6 +4,7 @@
 //! the pictures that the network is given are the same with and without views held out.
 
 use super::config::{Scans, SourceConfig};
+use super::turned;
 use surfel_synth::{
     AssetError, AssetLibrary, Random, RenderedView, SceneKind, SceneOptions, SceneSampler, SynthConfig,
 };
@@ -45,7 +46,10 @@ pub(super) fn scans(
         ..usual
     };
     let scene = SceneSampler::new(library, synth).scene(seed)?;
-    Ok((0..scene.num_views()).map(|view| scene.render(view)).collect())
+    let mut views: Vec<RenderedView> = (0..scene.num_views()).map(|view| scene.render(view)).collect();
+    let given = views.iter_mut().take(config.num_views);
+    turned::turn(&mut given.map(|rendered| &mut rendered.view.camera).collect::<Vec<_>>(), scans.turned_px, seed);
+    Ok(views)
 }
 
 /// Photographs analytic shapes; held-out views come last.
