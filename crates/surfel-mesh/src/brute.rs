@@ -72,7 +72,8 @@ impl Pixels<'_> {
 
     /// Whether a pixel and the one a `step` further are one surface.
     fn joins(&self, at: DVec2, step: DVec2) -> bool {
-        self.continuity.joins([-1.0, 0.0, 1.0, 2.0].map(|n| self.inverse(at + step * n).unwrap_or(0.0)))
+        let inverse = |steps: f64| self.inverse(at + step * steps).unwrap_or(0.0);
+        self.continuity.joins(inverse(0.0), inverse(1.0), || [inverse(-1.0), inverse(2.0)])
     }
 
     /// Slope of inverse depth along a step, from those neighbours that are on the pixel's surface.

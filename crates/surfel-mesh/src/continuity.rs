@@ -25,10 +25,11 @@ impl Continuity {
         Self { max_jump, max_rise: STEEPEST_DEG.to_radians().tan() / focal }
     }
 
-    /// Whether `a` and `b`, two neighbours in a row or column `before, a, b, after`, are one surface. All are inverse
-    /// depths, any unit, 0 = none; without `a` or `b` the answer is no.
+    /// Whether two neighbours in a row or column `before, a, b, after` are one surface; `beside` gives the outer two, and is
+    /// asked only where the inner ones jump. All are inverse depths, any unit, 0 = none; without `a` or `b` the answer is
+    /// no.
     #[inline]
-    pub fn joins(&self, [before, a, b, after]: [f64; 4]) -> bool {
+    pub fn joins(&self, a: f64, b: f64, beside: impl FnOnce() -> [f64; 2]) -> bool {
         let (least, rise) = (a.min(b), b - a);
         if least <= 0.0 {
             return false;
@@ -36,6 +37,7 @@ impl Continuity {
         if rise.abs() <= self.max_jump * least {
             return true;
         }
+        let [before, after] = beside();
         let goes_on = |exists: bool, slope: f64| !exists || (rise - slope).abs() <= self.max_jump * least;
         let known = before > 0.0 || after > 0.0;
         known
@@ -52,7 +54,8 @@ mod tests {
     const RULE: f64 = 0.02;
 
     fn joins(depths: [f64; 4]) -> bool {
-        Continuity::new(RULE, 300.0).joins(depths.map(|z| if z > 0.0 { 1.0 / z } else { 0.0 }))
+        let [before, a, b, after] = depths.map(|z| if z > 0.0 { 1.0 / z } else { 0.0 });
+        Continuity::new(RULE, 300.0).joins(a, b, || [before, after])
     }
 
     #[test]

@@ -97,7 +97,7 @@ fn at_edge(depth: &Grid<f32>, x: usize, y: usize, continuity: Continuity) -> boo
         z.map_or(0.0, |z| 1.0 / f64::from(z))
     };
     [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().any(|(dx, dy)| {
-        let row = [-1, 0, 1, 2].map(|step| inverse(step * dx, step * dy));
-        row[2] > 0.0 && !continuity.joins(row)
+        let along = |steps: isize| inverse(steps * dx, steps * dy);
+        along(1) > 0.0 && !continuity.joins(along(0), along(1), || [along(-1), along(2)])
     })
 }

@@ -111,13 +111,16 @@ impl<'a> Observer<'a> {
     }
 
     fn joins_of(&self, x: usize, y: usize, continuity: Continuity) -> [bool; 2] {
-        [(1, 0), (0, 1)].map(|(dx, dy)| {
-            continuity.joins([-1, 0, 1, 2].map(|step| {
-                let (x, y) = (x as isize + step * dx, y as isize + step * dy);
-                let inside = (0..self.width as isize).contains(&x) && (0..self.height as isize).contains(&y);
-                if inside { f64::from(self.inverse_depth[y as usize * self.width + x as usize]) } else { 0.0 }
-            }))
-        })
+        let along = |[before, after]: [bool; 2], step: usize| {
+            let inverse = |pixel: usize| f64::from(self.inverse_depth[pixel]);
+            let pixel = y * self.width + x;
+            let beside = || {
+                [if before { inverse(pixel - step) } else { 0.0 }, if after { inverse(pixel + 2 * step) } else { 0.0 }]
+            };
+            continuity.joins(inverse(pixel), inverse(pixel + step), beside)
+        };
+        let (right, below) = (x + 1 < self.width, y + 1 < self.height);
+        [right && along([x > 0, x + 2 < self.width], 1), below && along([y > 0, y + 2 < self.height], self.width)]
     }
 
     /// Rises of inverse depth from a pixel to those of its neighbours before and after it that are on its surface; along
