@@ -33,7 +33,7 @@ pub struct LeastConfidence {
 pub struct SolidDepth {
     /// z-depth, working units; 0 = none.
     pub depth: Grid<f32>,
-    /// Pixels left out only because they lie beyond [`measurable_depth`].
+    /// Pixels left out only because they are too far away to be measured.
     pub num_too_far: usize,
 }
 
