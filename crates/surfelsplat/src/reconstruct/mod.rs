@@ -117,7 +117,10 @@ impl Walked {
         let meshed: Vec<Grid<f32>> = solid.into_iter().map(|view| view.depth).collect();
         let (mesh, mesh_report) = log.stage(Stage::Mesh, || road.mesh(&meshed, options))?;
         if mesh.triangles.is_empty() {
-            log.warn("the mesh is empty: no surface was seen with confidence; look at preview.png and confidence/");
+            log.warn(
+                "the mesh is empty: no surface was seen with confidence and near enough for this baseline; look at \
+                 preview.png and confidence/",
+            );
         }
         Ok(Self { input, range, road, estimates, surfels, first_scales, maps, num_too_far, meshed, mesh, mesh_report })
     }
