@@ -127,13 +127,12 @@ impl<'a> Observer<'a> {
     /// x, then along y.
     pub fn rises(&self, x: usize, y: usize) -> [[Option<f32>; 2]; 2] {
         let pixel = y * self.width + x;
-        let here = self.inverse_depth[pixel];
-        [(x, 1), (y, self.width)].into_iter().enumerate().fold([[None; 2]; 2], |mut rises, (axis, (place, step))| {
+        let rise = |there: usize| self.inverse_depth[there] - self.inverse_depth[pixel];
+        let along = |axis: usize, place: usize, step: usize| {
             let before = place > 0 && self.joins[pixel - step][axis];
-            rises[axis][0] = before.then(|| self.inverse_depth[pixel - step] - here);
-            rises[axis][1] = self.joins[pixel][axis].then(|| self.inverse_depth[pixel + step] - here);
-            rises
-        })
+            [before.then(|| rise(pixel - step)), self.joins[pixel][axis].then(|| rise(pixel + step))]
+        };
+        [along(0, x, 1), along(1, y, self.width)]
     }
 
     /// What a distance along z counts in the field: 1 on most surfaces, less on those that are seen at a grazing angle.

@@ -48,7 +48,7 @@ pub(super) fn scans(
     let scene = SceneSampler::new(library, synth).scene(seed)?;
     let mut views: Vec<RenderedView> = (0..scene.num_views()).map(|view| scene.render(view)).collect();
     let given = views.iter_mut().take(config.num_views);
-    turned::turn(&mut given.map(|rendered| &mut rendered.view.camera).collect::<Vec<_>>(), scans.turned_px, seed);
+    turned::turn(given.map(|rendered| &mut rendered.view.camera), scans.turned_px, seed);
     Ok(views)
 }
 

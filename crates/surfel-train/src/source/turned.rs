@@ -13,19 +13,20 @@ const STREAM: u64 = u64::MAX - 2;
 
 /// Turns all `cameras` but the first so that a point in the middle of a photograph moves by some pixels across its
 /// epipolar line: normally distributed, with a standard deviation that is uniform up to `most_px` from scene to scene.
-pub(super) fn turn(cameras: &mut [&mut Camera], most_px: f64, seed: u64) {
+pub(super) fn turn<'a>(cameras: impl IntoIterator<Item = &'a mut Camera>, most_px: f64, seed: u64) {
     if most_px == 0.0 {
         // Not even by the rounding of a turn by nothing.
         return;
     }
     let mut random = Random::fork(seed, STREAM);
     let deviation = random.range(0.0, most_px);
-    let Some((first, others)) = cameras.split_first_mut() else { return };
-    for camera in others {
+    let mut cameras = cameras.into_iter();
+    let Some(first) = cameras.next() else { return };
+    for camera in cameras {
         let shift = deviation * random.normal();
-        let Some(axis) = (camera.centre() - first.centre()).try_normalize() else { continue };
-        let angle = shift / camera.intrinsics.mean_focal();
         let centre = camera.centre();
+        let Some(axis) = (centre - first.centre()).try_normalize() else { continue };
+        let angle = shift / camera.intrinsics.mean_focal();
         let pose = &mut camera.camera_from_world;
         pose.rotation *= DMat3::from_axis_angle(axis, angle);
         pose.translation = -(pose.rotation * centre);
@@ -56,7 +57,7 @@ mod tests {
             for seed in 0..20 {
                 let (mut fixed, mut turned) = (first, camera(centre, 0.05));
                 let before = turned;
-                turn(&mut [&mut fixed, &mut turned], 0.8, seed);
+                turn([&mut fixed, &mut turned], 0.8, seed);
                 assert_eq!(fixed, first);
                 assert!(turned.centre().distance(centre) < 1e-12 && turned.intrinsics == before.intrinsics);
                 for ray in [DVec3::new(0.1, 0.05, 1.0), DVec3::new(-0.2, -0.3, 1.0)] {
@@ -76,7 +77,7 @@ mod tests {
     fn cameras_that_are_right_stay_to_the_last_bit() {
         let (mut first, mut second) = (camera(DVec3::ZERO, 0.0), camera(DVec3::new(0.3, 0.1, 0.2), 0.7));
         let before = (first, second);
-        turn(&mut [&mut first, &mut second], 0.0, 5);
+        turn([&mut first, &mut second], 0.0, 5);
         assert_eq!((first, second), before);
     }
 }
