@@ -22,6 +22,7 @@ pub mod sanity;
 #[cfg(test)]
 mod test_pairs;
 pub mod triangulate;
+pub mod turn;
 
 pub use bounds::{Bounds, BoundsError, BoundsSource, Neighbour, bounds};
 pub use choose::{Choice, ChooseError, choose_pair, choose_views, neighbours};
@@ -33,3 +34,4 @@ pub use mistake::{IntrinsicsMistake, Mistake, PoseMistake};
 pub use pair_geometry::{PairGeometry, SparsePoint};
 pub use sanity::{Status, Verdict, check_pair};
 pub use triangulate::{Side, Triangulated, triangulate};
+pub use turn::{PairMatches, Turned, turned};

@@ -10,6 +10,7 @@ use crate::epipolar::{EpipolarGeometry, inlier_distance, median};
 use crate::mistake::{IntrinsicsMistake, Mistake, PoseMistake};
 use crate::plausible::{Oddity, axes_diverge, oddities, principal_offset};
 use crate::triangulate::{Side, side};
+use crate::turn::{PairMatches, Turned, turned};
 use crate::{Match, frustum};
 use serde::{Deserialize, Serialize};
 use surfel_core::Camera;
@@ -97,16 +98,20 @@ pub fn check_pair(a: &Camera, b: &Camera, matches: &[Match]) -> Verdict {
     let base = Verdict { median_epipolar_px: given.median_px, ..unjudged };
 
     let believable = BELIEVED * witnesses.len() as f64;
+    // Poses that are a little off are likelier than a mistake that explains the matches no better.
+    let turned = turned(&[*a, *b], &[PairMatches { a: 0, b: 1, matches: &witnesses }]);
+    let merit_turned = turned.as_ref().map_or(0.0, |t| Support::of(&t.cameras[0], &t.cameras[1], &witnesses).merit());
     let explanations = explanations(a, b, &witnesses);
     let best = &explanations[0];
-    if best.support.count as f64 >= believable && best.support.merit() >= CLEARLY_BETTER * inliers.merit() {
+    let is_explained = best.support.count as f64 >= believable;
+    if is_explained && best.support.merit() >= CLEARLY_BETTER * inliers.merit().max(merit_turned) {
         let complaint = complaint(a, b, &oddities, &given, witnesses.len());
         return explained(a, &explanations, &complaint, witnesses.len(), base);
     }
     if inliers.count as f64 >= believable {
         return believed(a, b, &witnesses, &inliers, base);
     }
-    unexplained(a, b, &oddities, &given, witnesses.len(), base)
+    unexplained(a, b, &oddities, &given, turned.as_ref(), witnesses.len(), base)
 }
 
 /// How well a pair of cameras explains some matches.
@@ -202,6 +207,7 @@ fn unexplained(
     b: &Camera,
     oddities: &[Oddity],
     given: &Support,
+    turned: Option<&Turned>,
     num_witnesses: usize,
     base: Verdict,
 ) -> Verdict {
@@ -216,7 +222,11 @@ fn unexplained(
         (Status::Suspicious, "the poses or the intrinsics are inaccurate")
     };
     let complaint = complaint(a, b, oddities, given, num_witnesses);
-    let sentence = format!("{complaint}, and no known mistake of convention explains it: {reason}.");
+    let remedy = turned.map_or(String::new(), |turned| {
+        let Turned { most_deg, median_px: (_, remaining), .. } = turned;
+        format!(" Turned by {most_deg:.2} degrees where they stand they miss by {remaining:.1} px.")
+    });
+    let sentence = format!("{complaint}, and no known mistake of convention explains it: {reason}.{remedy}");
     Verdict { status, sentence, ..base }
 }
 

@@ -146,7 +146,7 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "AXES", value_parser = axes_names())]
     pub axes: Option<Axes>,
 
-    /// Go on although the photographs contradict the cameras.
+    /// Take the cameras as they are: go on although the photographs contradict them, and turn none of them.
     #[arg(long)]
     pub trust_cameras: bool,
 }

@@ -1,15 +1,16 @@
 //! The whole road, from a folder of posed photographs to a coloured mesh.
 //!
-//! Data flows one way: input -> range -> depth -> surfels -> maps -> mesh -> outputs; each step is a file of
+//! Data flows one way: input -> cameras -> range -> depth -> surfels -> maps -> mesh -> outputs; each step is a file of
 //! this folder. Invariant: everything between input and outputs happens in a working frame whose unit is the
 //! baseline, so a scene scaled by 1000 gives the same result scaled by 1000.
 
+pub mod cameras;
 pub mod choice;
 pub mod depth;
+pub mod depth_range;
 mod error;
 pub mod input;
 pub mod maps;
-pub mod matched_range;
 pub mod mesh;
 pub mod network;
 pub mod options;
@@ -26,9 +27,10 @@ pub use options::{DepthSource, Options};
 pub use progress::{Progress, Silent, Stage};
 pub use report::Report;
 
+use cameras::{Checked, SparseMatches};
+use depth_range::Range;
 use input::Input;
 use maps::{ViewMaps, render_views};
-use matched_range::MatchedRange;
 use mesh::{MeshChoice, mesh_from_depth};
 use network::{FirstScales, Learned};
 use outputs::{Outputs, write_report};
@@ -67,8 +69,12 @@ pub fn reconstruct(
 pub struct Walked {
     /// The photographs and where they come from, scene frame.
     pub input: Input,
-    /// Depth ranges and neighbours, scene units.
-    pub range: MatchedRange,
+    /// What keypoints say of them.
+    pub sparse: SparseMatches,
+    /// What became of the cameras.
+    pub checked: Checked,
+    /// Depth range per view, scene units.
+    pub ranges: Vec<Range>,
     /// The photographs in the working frame.
     pub road: Road,
     /// Depth, normal and confidence per view, working frame.
@@ -101,12 +107,17 @@ impl Walked {
     }
 
     fn walk(scene: &Path, options: &Options, log: &Log) -> Result<Self, ReconstructError> {
-        let input = log.stage(Stage::Read, || Input::read(scene, options, log))?;
-        let range = log.stage(Stage::Check, || MatchedRange::find(&input, options, log))?;
-        let road = Road::new(&input, &range)?;
+        let mut input = log.stage(Stage::Read, || Input::read(scene, options, log))?;
+        let (sparse, checked, ranges) = log.stage(Stage::Check, || {
+            let sparse = SparseMatches::between(&input.views);
+            let checked = cameras::check(&mut input.views, &sparse, options, log)?;
+            let ranges = depth_range::ranges(&input, &sparse, options, log)?;
+            Ok::<_, ReconstructError>((sparse, checked, ranges))
+        })?;
+        let road = Road::new(&input, &ranges)?;
         let features = log.stage(Stage::Features, || features_of(&road.views))?;
         let matched = log.stage(Stage::Depth, || {
-            match_views(&road.views, &features, &range.neighbours, &road.ranges, &options.matching)
+            match_views(&road.views, &features, &sparse.neighbours, &road.ranges, &options.matching)
         });
         let (estimates, surfels, first_scales) = log.stage(Stage::Surfels, || road.surfels(matched, options))?;
         let steps: Vec<f32> = estimates.iter().map(|estimate| estimate.step).collect();
@@ -122,7 +133,21 @@ impl Walked {
                  preview.png and confidence/",
             );
         }
-        Ok(Self { input, range, road, estimates, surfels, first_scales, maps, num_too_far, meshed, mesh, mesh_report })
+        Ok(Self {
+            input,
+            sparse,
+            checked,
+            ranges,
+            road,
+            estimates,
+            surfels,
+            first_scales,
+            maps,
+            num_too_far,
+            meshed,
+            mesh,
+            mesh_report,
+        })
     }
 
     /// Scales of the surfels as first placed and as adapted to the sampling rate, working units, in the order of
@@ -141,7 +166,7 @@ impl Walked {
     fn outputs<T>(&self, write: impl FnOnce(&Outputs) -> T) -> T {
         let images: Vec<String> =
             self.input.image_paths().iter().map(|path| path.to_string_lossy().into_owned()).collect();
-        let scene_ranges: Vec<(f64, f64)> = self.range.ranges.iter().map(|r| (r.near, r.far)).collect();
+        let scene_ranges: Vec<(f64, f64)> = self.ranges.iter().map(|r| (r.near, r.far)).collect();
         write(&Outputs {
             views: &self.road.views,
             stems: &self.input.stems(),
@@ -170,7 +195,7 @@ pub struct Road {
 }
 
 impl Road {
-    fn new(input: &Input, range: &MatchedRange) -> Result<Self, ReconstructError> {
+    fn new(input: &Input, ranges: &[Range]) -> Result<Self, ReconstructError> {
         let cameras: Vec<_> = input.views.iter().map(|view| view.camera).collect();
         let working_from_scene = working_frame::working_from_scene(&cameras).ok_or_else(|| {
             ReconstructError::Choice(format!("{}: the cameras stand in one place", input.scene.root.display()))
@@ -181,7 +206,7 @@ impl Road {
             .map(|view| View { camera: view.camera.in_frame(&working_from_scene), ..view.clone() })
             .collect();
         let scale = working_from_scene.scale;
-        let ranges = range.ranges.iter().map(|r| (r.near * scale, r.far * scale)).collect();
+        let ranges = ranges.iter().map(|r| (r.near * scale, r.far * scale)).collect();
         Ok(Self { views, ranges, working_from_scene, scene_from_working: working_from_scene.inverse() })
     }
 
@@ -246,7 +271,8 @@ impl Walked {
             depth_method: options.depth.name(),
             views_chosen: self.input.reason.clone(),
             views: (0..self.road.views.len()).map(|v| self.view(v)).collect(),
-            camera_checks: self.range.checks.clone(),
+            camera_checks: self.checked.checks.clone(),
+            camera_turn: self.checked.turn.clone(),
             working_frame: WorkingFrame {
                 scale: frame.scale,
                 rotation: frame.rotation.transpose().to_cols_array(),
@@ -281,7 +307,7 @@ impl Walked {
     }
 
     fn view(&self, v: usize) -> ViewReport {
-        let (view, estimate, range) = (&self.road.views[v], &self.estimates[v], &self.range.ranges[v]);
+        let (view, estimate, range) = (&self.road.views[v], &self.estimates[v], &self.ranges[v]);
         let share = |count: usize| count as f64 / view.image.len().max(1) as f64;
         let frame = &self.input.scene.frames[self.input.frames[v]];
         ViewReport {
@@ -292,7 +318,7 @@ impl Walked {
             near: range.near,
             far: range.far,
             range_from: range.sentence.clone(),
-            matched_with: self.range.neighbours[v].iter().map(|&n| self.road.views[n].name.clone()).collect(),
+            matched_with: self.sparse.neighbours[v].iter().map(|&n| self.road.views[n].name.clone()).collect(),
             num_candidates: estimate.num_candidates,
             share_with_depth: share(self.maps[v].depth.as_slice().iter().filter(|&&z| z > 0.0).count()),
             share_confident: share(estimate.confidence.as_slice().iter().filter(|&&c| c > 0.5).count()),

@@ -29,7 +29,7 @@ pub struct Options {
     pub voxel: Option<f64>,
     /// Components of the mesh to keep.
     pub keep_components: Option<usize>,
-    /// Go on although the cameras contradict the photographs.
+    /// Take the cameras as they are: go on although the photographs contradict them, and turn none of them.
     pub trust_cameras: bool,
     /// How depth is found.
     pub depth: DepthSource,

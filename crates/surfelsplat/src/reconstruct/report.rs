@@ -2,7 +2,7 @@
 //!
 //! Lengths are in scene units. Invariant: a run can be repeated from the numbers in here.
 
-use super::matched_range::PairCheck;
+use super::cameras::{CameraTurn, PairCheck};
 use super::progress::Timing;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -22,8 +22,10 @@ pub struct Report {
     pub views_chosen: String,
     /// Per view.
     pub views: Vec<ViewReport>,
-    /// Sanity verdicts.
+    /// Sanity verdicts on the cameras that were used.
     pub camera_checks: Vec<PairCheck>,
+    /// How the cameras were turned to meet the photographs, if they were.
+    pub camera_turn: Option<CameraTurn>,
     /// The frame the road computed in.
     pub working_frame: WorkingFrame,
     /// The surfels.

@@ -11,4 +11,5 @@ mod scale;
 mod scene_files;
 mod shared_scenes;
 mod truth;
+mod turned_cameras;
 mod weights;

@@ -1,16 +1,17 @@
-//! Sparse matches between the views: are the cameras right, and how near and far is the scene?
+//! How near and far the scene is from every view.
 //!
-//! Second step of the road. The range comes from the person, else from sparse points, else from the camera
+//! Third step of the road. The range comes from the person, else from sparse points, else from the camera
 //! file, else from triangulated matches, else from where the frusta overlap. Invariant: every view gets
 //! `0 < near < far`, in scene units, with a sentence that says where they come from.
 
+use super::cameras::SparseMatches;
 use super::error::ReconstructError;
 use super::input::Input;
 use super::options::Options;
 use super::progress::Log;
 use glam::DVec3;
 use surfel_core::{Camera, View};
-use surfel_pair::{Features, Match, Neighbour, Status, bounds, check_pair, match_features};
+use surfel_pair::{Match, Neighbour, bounds};
 
 /// z-depth range of one view, scene units.
 #[derive(Clone, Debug)]
@@ -25,60 +26,22 @@ pub struct Range {
     pub is_measured: bool,
 }
 
-/// Verdict on one pair of views, for the report.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct PairCheck {
-    /// Names of the two photographs.
-    pub views: [String; 2],
-    /// "Good", "Suspicious", ...
-    pub status: String,
-    /// Sparse matches between them.
-    pub num_matches: usize,
-    /// Matches that agree with the cameras.
-    pub num_inliers: usize,
-    /// Median distance to the epipolar lines, pixels of the working size.
-    pub median_epipolar_px: Option<f64>,
-    /// The verdict.
-    pub sentence: String,
-}
-
-/// What the sparse matches told.
-pub struct MatchedRange {
-    /// Per view.
-    pub ranges: Vec<Range>,
-    /// Neighbours of every view, nearest first.
-    pub neighbours: Vec<Vec<usize>>,
-    /// Per pair of neighbours.
-    pub checks: Vec<PairCheck>,
-}
-
-/// Most sources a view is matched against: the cost stays linear in the number of views.
-const MAX_NEIGHBOURS: usize = 3;
-
-impl MatchedRange {
-    pub(crate) fn find(input: &Input, options: &Options, log: &Log) -> Result<Self, ReconstructError> {
-        let views = &input.views;
-        let neighbours = super::choice::neighbours(views, MAX_NEIGHBOURS);
-        let features: Vec<Features> = views.iter().map(Features::of).collect();
-        let matches = |a: usize, b: usize| match_features(&features[a], &features[b]);
-        let mut pairs: Vec<(usize, usize, Vec<Match>)> = Vec::new();
-        for (a, others) in neighbours.iter().enumerate() {
-            for &b in others {
-                if !pairs.iter().any(|p| (p.0, p.1) == (b, a)) {
-                    pairs.push((a, b, matches(a, b)));
-                }
-            }
-        }
-        let checks = check_pairs(views, &pairs, options, log)?;
-        let mut ranges = (0..views.len())
-            .map(|v| range_of(input, v, &pairs, options))
-            .collect::<Result<Vec<Range>, ReconstructError>>()?;
-        widen_by_probe(views, &neighbours, &mut ranges, options);
-        for (view, range) in views.iter().zip(&ranges) {
-            log.say(format!("{}: depth {:.4} to {:.4}. {}", view.name, range.near, range.far, range.sentence));
-        }
-        Ok(Self { ranges, neighbours, checks })
+/// The range of every view.
+pub(crate) fn ranges(
+    input: &Input,
+    sparse: &SparseMatches,
+    options: &Options,
+    log: &Log,
+) -> Result<Vec<Range>, ReconstructError> {
+    let views = &input.views;
+    let mut ranges = (0..views.len())
+        .map(|v| range_of(input, v, &sparse.pairs, options))
+        .collect::<Result<Vec<Range>, ReconstructError>>()?;
+    widen_by_probe(views, &sparse.neighbours, &mut ranges, options);
+    for (view, range) in views.iter().zip(&ranges) {
+        log.say(format!("{}: depth {:.4} to {:.4}. {}", view.name, range.near, range.far, range.sentence));
     }
+    Ok(ranges)
 }
 
 /// Widens measured ranges to what a dense look at thumbnails finds; stated ranges stay.
@@ -97,41 +60,6 @@ fn widen_by_probe(views: &[View], neighbours: &[Vec<usize>], ranges: &mut [Range
             range.far = options.far.unwrap_or(range.far.max(far));
         }
     }
-}
-
-fn check_pairs(
-    views: &[View],
-    pairs: &[(usize, usize, Vec<Match>)],
-    options: &Options,
-    log: &Log,
-) -> Result<Vec<PairCheck>, ReconstructError> {
-    let mut checks = Vec::new();
-    for (a, b, matches) in pairs {
-        let verdict = check_pair(&views[*a].camera, &views[*b].camera, matches);
-        let names = format!("{} and {}", views[*a].name, views[*b].name);
-        match verdict.status {
-            Status::Good => log.say(format!("{names}: {}", verdict.sentence)),
-            Status::Wrong if !options.trust_cameras => {
-                return Err(ReconstructError::Cameras {
-                    views: names,
-                    sentence: format!(
-                        "{} Look at it with `surfelsplat inspect`; --trust-cameras goes on regardless.",
-                        verdict.sentence
-                    ),
-                });
-            }
-            _ => log.warn(format!("{names}: {}", verdict.sentence)),
-        }
-        checks.push(PairCheck {
-            views: [views[*a].name.clone(), views[*b].name.clone()],
-            status: format!("{:?}", verdict.status),
-            num_matches: verdict.num_matches,
-            num_inliers: verdict.num_inliers,
-            median_epipolar_px: verdict.median_epipolar_px,
-            sentence: verdict.sentence,
-        });
-    }
-    Ok(checks)
 }
 
 fn range_of(
