@@ -18,7 +18,7 @@ use surfel_eval::sample_mesh::sample_mesh_near;
 use surfel_eval::{DepthMap, DepthScore, NormalScore, Reference, score_depth, score_depth_normals};
 use surfel_io::depth::read_pfm;
 use surfel_io::ply::read_ply_file;
-use surfel_io::scene::Scene;
+use surfel_io::scene::{Frame, Scene};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -37,6 +37,10 @@ pub struct DepthArgs {
     /// 3 % of the median reference depth).
     #[arg(long, value_name = "LENGTH", value_parser = positive_length)]
     pub cap: Option<f64>,
+
+    /// Score only what the masks of the scene show (mask/ or masks/ beside the photographs; white counts).
+    #[arg(long)]
+    pub masks: bool,
 
     /// Folder to write the report into, as Markdown and JSON.
     #[arg(short = 'o', long, value_name = "DIR")]
@@ -63,7 +67,7 @@ pub fn run(args: &DepthArgs, json: bool) -> Result<ExitCode> {
             scene.root.display()
         );
     };
-    let scored = scored_views(&scene, &reference, &args.output)?;
+    let scored = scored_views(&scene, &reference, args)?;
     if scored.is_empty() {
         bail!("no depth map of {} has a reference in {}", args.output.display(), scene.root.display());
     }
@@ -71,13 +75,17 @@ pub fn run(args: &DepthArgs, json: bool) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn scored_views(scene: &Scene, reference: &Reference, output: &Path) -> Result<Vec<Scored>> {
+fn scored_views(scene: &Scene, reference: &Reference, args: &DepthArgs) -> Result<Vec<Scored>> {
     let mut scored = Vec::new();
-    for path in depth_maps(output)? {
+    for path in depth_maps(&args.output)? {
         let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let index = scene.select(std::slice::from_ref(&stem))?[0];
-        let full = scene.frames[index].pinhole();
-        let Some((truth, _)) = reference.depth_of(&stem, &full)? else { continue };
+        let frame = &scene.frames[index];
+        let full = frame.pinhole();
+        let Some((mut truth, _)) = reference.depth_of(&stem, &full)? else { continue };
+        if args.masks {
+            truth = restricted_to(&truth, &mask_of(frame, &truth)?);
+        }
         let predicted = read_pfm(&path)?;
         scored.push(Scored {
             name: stem,
@@ -88,6 +96,14 @@ fn scored_views(scene: &Scene, reference: &Reference, output: &Path) -> Result<V
         });
     }
     Ok(scored)
+}
+
+/// What the mask of a photograph shows, at the size of its reference.
+fn mask_of(frame: &Frame, truth: &Grid<f32>) -> Result<Grid<bool>> {
+    if frame.mask_path.is_none() {
+        bail!("{} has no mask; put {}.png into masks/, or score without --masks", frame.name, frame.stem());
+    }
+    Ok(frame.load(truth.width(), truth.height())?.valid)
 }
 
 fn depth_maps(output: &Path) -> Result<Vec<PathBuf>> {
