@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Many pairs of every development scene with a reference, and some larger sets of views, as Markdown: matching and
-network scored by one ruler.
+"""Many pairs of every development scene with a reference, at two sizes, and some larger sets of views, as Markdown:
+matching and network scored by one ruler.
 
     bench/pairs.py SCENES OUT [NAME=WEIGHTS ...]
 
@@ -9,7 +9,7 @@ runs or of this repository's history, get rows of their own under their NAME. On
 scene's mean over its pairs says more. The pairs of Middlebury's `cones` and `teddy` have no published focal length, so
 one is assumed: shares and relative errors do not depend on it. The reference of `sceaux_castle` is a mesh that spans the
 sky between its roofs, so that scene is scored once more where its photographs show no sky. Needs numpy and
-opencv-python-headless; about ten minutes on two cores, and four more for each file of weights.
+opencv-python-headless; about half an hour on two cores, and a quarter more for each file of weights.
 """
 import json
 import pathlib
@@ -34,6 +34,14 @@ PAIRS = [
     ("middlebury_stereo/teddy", "450x375", "im0,im1"),
     ("sceaux_castle", "384x288", "00001,00002 00003,00004 00005,00006 00007,00008"),
 ]
+# The pairs of these scenes once more with four times the pixels, or with all that the photographs have.
+LARGER = {
+    "dtu_scan24": "640x512",
+    "strecha_fountain_p11": "768x512",
+    "redwood_rgbd5": "640x480",
+    "hololens_000": "540x360",
+    "sceaux_castle": "768x576",
+}
 # Scenes that are scored once more without their sky.
 UNDER_FALSE_SKY = ["sceaux_castle"]
 # Three to five views at once.
@@ -125,7 +133,7 @@ def table(kind, sets, scenes, out, methods):
         for method, depth in methods.items():
             scores = []
             for chosen in views.split():
-                folder = out / f"{scene.name}.{chosen.replace(',', '_')}.{method}"
+                folder = out / f"{scene.name}.{size}.{chosen.replace(',', '_')}.{method}"
                 scores.append(score(scene, chosen, size, depth, folder, reference))
             of_methods[method] = np.array(scores)
         matching = of_methods["matching"]
@@ -145,7 +153,12 @@ def main():
     methods = {"matching": ["--depth", "matching"], "network": ["--depth", "network"]}
     for name, weights in (argument.split("=", 1) for argument in sys.argv[3:]):
         methods[name] = ["--depth", "network", "--weights", weights]
-    tables = ("Many pairs of every scene", "pairs", PAIRS), ("Three to five views at once", "sets", SETS)
+    larger = [(name, LARGER[name], pairs) for name, _, pairs in PAIRS if name in LARGER]
+    tables = [
+        ("Many pairs of every scene", "pairs", PAIRS),
+        ("The same pairs at larger sizes", "pairs", larger),
+        ("Three to five views at once", "sets", SETS),
+    ]
     for heading, kind, sets in tables:
         print(f"## {heading}\n")
         table(kind, sets, scenes, out, methods)
