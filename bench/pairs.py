@@ -100,52 +100,51 @@ def run(*arguments):
     return subprocess.run([TOOL, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
 
 
-def score(scene, views, size, depth, out, reference=None):
-    """Means over the views of one reconstruction, and its Chamfer distances, scene units; `depth` is what the command
-    line says of the source of depth, `reference` the same scene with masks that say what counts."""
+def reconstructed(scene, views, size, depth, out):
+    """The folder of a reconstruction; `depth` is what the command line says of the source of depth."""
     run("--quiet", "reconstruct", scene, "--views", views, "--size", size, *depth, "-o", out)
-    masks = ["--masks"] if reference else []
-    maps, surfaces = json.loads(run("eval", "depth", reference or scene, out, "--json", *masks))["tables"]
+    return out
+
+
+def score(scene, folder, *masks):
+    """Means over the views of one reconstruction, and its Chamfer distances, scene units."""
+    maps, surfaces = json.loads(run("eval", "depth", scene, folder, "--json", *masks))["tables"]
     mean = dict(zip(maps["columns"], maps["rows"][-1]))
     overall = {row[0]: row[-1] for row in surfaces["rows"]}
     return [mean[column] for column in COLUMNS] + [overall[surface] for surface in SURFACES]
 
 
-def with_skyless(sets):
-    """The sets, and after each scene under a false sky the same without it."""
-    for name, size, views in sets:
-        yield name, size, views, False
-        if name in UNDER_FALSE_SKY:
-            yield name, size, views, True
-
-
 def table(kind, sets, scenes, out, methods):
     print(f"| scene | {kind} | method | within 1 % | median error | normals | Chamfer, depth maps | Chamfer, mesh |")
     print("|---|---:|---|---:|---:|---:|---:|---:|")
-    for name, size, views, is_skyless in with_skyless(sets):
-        scene, label = scenes / name, f"`{name}` at {size}"
+    for name, size, views in sets:
+        scene = scenes / name
         if "middlebury" in name:
             scene = rectified(scene, out / "rectified" / scene.name)
-        reference = skyless(scene, out / "skyless" / scene.name) if is_skyless else None
-        if is_skyless:
-            label += ", without the sky"
-        of_methods = {}
+        folders = {method: [] for method in methods}
         for method, depth in methods.items():
-            scores = []
             for chosen in views.split():
                 folder = out / f"{scene.name}.{size}.{chosen.replace(',', '_')}.{method}"
-                scores.append(score(scene, chosen, size, depth, folder, reference))
-            of_methods[method] = np.array(scores)
-        matching = of_methods["matching"]
-        # Lengths as shares of matching's: scenes count in different units.
-        for method, scores in of_methods.items():
-            share, median, normals = scores[:, :3].mean(axis=0)
-            ratios = np.exp(np.log(scores[:, 3:] / matching[:, 3:]).mean(axis=0))
-            ahead = np.hstack([scores[:, :1] > matching[:, :1], scores[:, 1:] < matching[:, 1:]]).sum(axis=0)
-            wins = [""] * len(ahead) if method == "matching" else [f" ({n})" for n in ahead]
-            cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
-            cells = [cell + win for cell, win in zip(cells, wins)]
-            print(f"| {label} | {len(scores)} | {method} |", " | ".join(cells), "|", flush=True)
+                folders[method].append(reconstructed(scene, chosen, size, depth, folder))
+        rows(f"`{name}` at {size}", {m: np.array([score(scene, f) for f in found]) for m, found in folders.items()})
+        if name in UNDER_FALSE_SKY:
+            masked = skyless(scene, out / "skyless" / scene.name)
+            scores = {m: np.array([score(masked, f, "--masks") for f in found]) for m, found in folders.items()}
+            rows(f"`{name}` at {size}, without the sky", scores)
+
+
+def rows(label, of_methods):
+    """Prints a row for each method: means of its scores."""
+    matching = of_methods["matching"]
+    # Lengths as shares of matching's: scenes count in different units.
+    for method, scores in of_methods.items():
+        share, median, normals = scores[:, :3].mean(axis=0)
+        ratios = np.exp(np.log(scores[:, 3:] / matching[:, 3:]).mean(axis=0))
+        ahead = np.hstack([scores[:, :1] > matching[:, :1], scores[:, 1:] < matching[:, 1:]]).sum(axis=0)
+        wins = [""] * len(ahead) if method == "matching" else [f" ({n})" for n in ahead]
+        cells = [f"{100 * share:.1f} %", f"{median:.3f} %", f"{normals:.1f}°", *(f"{ratio:.3f}" for ratio in ratios)]
+        cells = [cell + win for cell, win in zip(cells, wins)]
+        print(f"| {label} | {len(scores)} | {method} |", " | ".join(cells), "|", flush=True)
 
 
 def main():

@@ -119,6 +119,12 @@ impl Camera {
         Self { intrinsics, width, height, ..*self }
     }
 
+    /// The camera turned where it stands: what it looked at along `d` (world frame) it now looks at along `turn * d`.
+    pub fn turned(&self, turn: DMat3) -> Self {
+        let rotation = self.camera_from_world.rotation * turn.transpose();
+        Self { camera_from_world: Rigid { rotation, translation: -(rotation * self.centre()) }, ..*self }
+    }
+
     /// The same camera seen from another world frame.
     pub fn in_frame(&self, new_from_world: &Similarity) -> Self {
         Self { camera_from_world: new_from_world.carry_camera(&self.camera_from_world), ..*self }

@@ -2,8 +2,8 @@
 //!
 //! Sits between reading (`surfel-io`) and depth matching (`surfel-stereo`), and knows nothing of
 //! files. It takes small views (about 480 pixels wide) and answers with sparse matches, depth
-//! bounds, a choice of views and verdicts in plain sentences. The invariant: nothing here depends on
-//! the unit of length of the scene.
+//! bounds, a choice of views, verdicts in plain sentences and cameras turned to meet the matches. The
+//! invariant: nothing here depends on the unit of length of the scene.
 
 pub mod bounds;
 pub mod choose;

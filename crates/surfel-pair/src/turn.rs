@@ -9,7 +9,7 @@
 use crate::Match;
 use crate::epipolar::{EpipolarGeometry, inlier_distance, median};
 use glam::{DMat3, DQuat, DVec3};
-use surfel_core::{Camera, Rigid};
+use surfel_core::Camera;
 
 /// Times a motion along epipolar lines counts more than the same motion across them.
 const ALONG: f64 = 10.0;
@@ -80,10 +80,7 @@ pub fn turned(cameras: &[Camera], pairs: &[PairMatches]) -> Option<Turned> {
 
 /// The camera turned on the spot by a rotation vector, world frame, radians.
 fn turned_by(camera: &Camera, turn: DVec3) -> Camera {
-    let centre = camera.centre();
-    // The pose takes the world to the camera: the world turns the other way.
-    let rotation = camera.camera_from_world.rotation * DMat3::from_quat(DQuat::from_scaled_axis(-turn));
-    Camera { camera_from_world: Rigid { rotation, translation: -(rotation * centre) }, ..*camera }
+    camera.turned(DMat3::from_quat(DQuat::from_scaled_axis(turn)))
 }
 
 /// One rotation vector per camera, world frame, radians: least squares of the misses in pixels, reweighted after Geman

@@ -24,12 +24,9 @@ pub(super) fn turn<'a>(cameras: impl IntoIterator<Item = &'a mut Camera>, most_p
     let Some(first) = cameras.next() else { return };
     for camera in cameras {
         let shift = deviation * random.normal();
-        let centre = camera.centre();
-        let Some(axis) = (centre - first.centre()).try_normalize() else { continue };
+        let Some(axis) = (camera.centre() - first.centre()).try_normalize() else { continue };
         let angle = shift / camera.intrinsics.mean_focal();
-        let pose = &mut camera.camera_from_world;
-        pose.rotation *= DMat3::from_axis_angle(axis, angle);
-        pose.translation = -(pose.rotation * centre);
+        *camera = camera.turned(DMat3::from_axis_angle(axis, -angle));
     }
 }
 

@@ -5,16 +5,13 @@ use crate::read_back::{read_cameras, share_within};
 use crate::scene_files::{height_field, read_json, write_cameras, write_scene};
 use glam::DMat3;
 use std::path::Path;
-use surfel_core::{Camera, Rigid};
+use surfel_core::Camera;
 use surfel_io::depth::read_pfm;
 
 /// Turns `camera` about the line to `first`, so that what it sees moves across its epipolar lines, by 2 pixels.
 fn misled(camera: Camera, first: &Camera) -> Camera {
-    let centre = camera.centre();
-    let Some(line) = (centre - first.centre()).try_normalize() else { return camera };
-    let turn = DMat3::from_axis_angle(line, 2.0 / camera.intrinsics.mean_focal());
-    let rotation = camera.camera_from_world.rotation * turn;
-    Camera { camera_from_world: Rigid { rotation, translation: -(rotation * centre) }, ..camera }
+    let Some(line) = (camera.centre() - first.centre()).try_normalize() else { return camera };
+    camera.turned(DMat3::from_axis_angle(line, -2.0 / camera.intrinsics.mean_focal()))
 }
 
 /// Share of the pixels of both views within 1 % of the exact depth.
